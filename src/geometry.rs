@@ -1,0 +1,145 @@
+//! Poses of the plane, SE(2).
+//!
+//! A pose is named for the two frames that it joins: `world_from_robot` takes points of the robot's frame to the
+//! world, and products chain by their neighbours, `world_from_robot * robot_from_laser`. Metres and radians.
+
+use nalgebra::{Point2, Vector2};
+use serde::{Deserialize, Serialize};
+use std::ops::Mul;
+
+/// A position and a heading, or the rigid motion that they stand for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Pose {
+    /// Metres.
+    pub x: f64,
+    /// Metres.
+    pub y: f64,
+    /// Radians, counter-clockwise from the x axis, in (-π, π].
+    pub heading: f64,
+}
+
+impl Pose {
+    /// The motion that moves nothing.
+    pub const IDENTITY: Self = Self { x: 0.0, y: 0.0, heading: 0.0 };
+
+    /// A pose; the heading may be any angle and is wrapped.
+    pub fn new(x: f64, y: f64, heading: f64) -> Self {
+        Self { x, y, heading: wrap_angle(heading) }
+    }
+
+    /// The motion backwards: `a_from_b.inverse()` is `b_from_a`.
+    pub fn inverse(self) -> Self {
+        let (sin, cos) = self.heading.sin_cos();
+        Self::new(-cos * self.x - sin * self.y, sin * self.x - cos * self.y, -self.heading)
+    }
+
+    /// This pose seen from another one of the same frame: `from.inverse() * self`.
+    pub fn seen_from(self, from: Self) -> Self {
+        from.inverse() * self
+    }
+
+    /// The position, without the heading.
+    pub fn position(self) -> Point2<f64> {
+        Point2::new(self.x, self.y)
+    }
+
+    /// The unit vector along the heading.
+    pub fn direction(self) -> Vector2<f64> {
+        Vector2::new(self.heading.cos(), self.heading.sin())
+    }
+
+    /// Whether all three numbers are finite.
+    pub fn is_finite(self) -> bool {
+        self.x.is_finite() && self.y.is_finite() && self.heading.is_finite()
+    }
+}
+
+impl Mul for Pose {
+    type Output = Pose;
+
+    fn mul(self, other: Pose) -> Pose {
+        let moved = self * other.position();
+        Pose::new(moved.x, moved.y, self.heading + other.heading)
+    }
+}
+
+impl Mul<Point2<f64>> for Pose {
+    type Output = Point2<f64>;
+
+    fn mul(self, point: Point2<f64>) -> Point2<f64> {
+        let (sin, cos) = self.heading.sin_cos();
+        Point2::new(self.x + cos * point.x - sin * point.y, self.y + sin * point.x + cos * point.y)
+    }
+}
+
+impl Mul<Vector2<f64>> for Pose {
+    type Output = Vector2<f64>;
+
+    fn mul(self, vector: Vector2<f64>) -> Vector2<f64> {
+        let (sin, cos) = self.heading.sin_cos();
+        Vector2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)
+    }
+}
+
+/// The same angle in (-π, π]. Angles that are not finite come back as they are.
+pub fn wrap_angle(angle: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    if angle > -PI && angle <= PI {
+        return angle;
+    }
+    let wrapped = angle - TAU * (angle / TAU).round();
+    if wrapped <= -PI { wrapped + TAU } else { wrapped }
+}
+
+/// A pose at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StampedPose {
+    /// Seconds; the clock is that of the log.
+    pub stamp: f64,
+    /// The pose, in the frame that the owner of the list names.
+    pub pose: Pose,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix3;
+    use proptest::prelude::*;
+
+    /// The oracle: homogeneous matrices.
+    fn matrix(pose: Pose) -> Matrix3<f64> {
+        let (s, c) = pose.heading.sin_cos();
+        Matrix3::new(c, -s, pose.x, s, c, pose.y, 0.0, 0.0, 1.0)
+    }
+
+    fn poses() -> impl Strategy<Value = Pose> {
+        (-1e4..1e4, -1e4..1e4, -10.0..10.0).prop_map(|(x, y, heading)| Pose::new(x, y, heading))
+    }
+
+    proptest! {
+        #[test]
+        fn product_is_the_product_of_matrices(a in poses(), b in poses()) {
+            prop_assert!((matrix(a * b) - matrix(a) * matrix(b)).norm() < 1e-9);
+            prop_assert!((matrix(a * b) - matrix(b) * matrix(a)).norm() > 1e-9 || matrix(a) == matrix(b));
+        }
+
+        #[test]
+        fn inverse_undoes(a in poses(), b in poses()) {
+            prop_assert!((matrix(a.inverse()) * matrix(a) - Matrix3::identity()).norm() < 1e-8);
+            prop_assert!((matrix(a * b.seen_from(a)) - matrix(b)).norm() < 1e-8);
+        }
+
+        #[test]
+        fn wrapping_keeps_the_angle(angle in -1e3..1e3f64) {
+            let wrapped = wrap_angle(angle);
+            prop_assert!(wrapped > -std::f64::consts::PI && wrapped <= std::f64::consts::PI);
+            prop_assert!((wrapped.sin() - angle.sin()).abs() < 1e-9 && (wrapped.cos() - angle.cos()).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn half_a_turn_is_positive() {
+        assert_eq!(wrap_angle(-std::f64::consts::PI), std::f64::consts::PI);
+        assert!(wrap_angle(f64::NAN).is_nan());
+    }
+}

@@ -1,0 +1,65 @@
+//! A laser reading as points in the robot's frame.
+
+use crate::io::LaserReading;
+use nalgebra::Point2;
+
+/// The points of one laser sweep.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scan {
+    /// Seconds.
+    pub stamp: f64,
+    /// End points of the beams that hit something, in the robot's frame [m], in the order of the beams.
+    pub points: Vec<Point2<f64>>,
+    /// Beams without return (at or above the maximum range).
+    pub no_return: usize,
+    /// Beams whose range is no measurement: NaN, infinite, negative, or below the minimum range.
+    pub invalid: usize,
+}
+
+impl Scan {
+    /// Turns ranges into points, leaving out what lies outside `min_range..max_range` [m].
+    ///
+    /// The reading's own maximum, where it is lower, counts as well.
+    pub fn from_reading(reading: &LaserReading, min_range: f64, max_range: f64) -> Self {
+        let max_range = max_range.min(reading.max_range);
+        let mut scan = Scan { stamp: reading.stamp, ..Scan::default() };
+        for (beam, &range) in reading.ranges.iter().enumerate() {
+            if range.is_nan() || range < min_range || range == f64::INFINITY {
+                scan.invalid += 1;
+            } else if range >= max_range {
+                scan.no_return += 1;
+            } else {
+                let (sin, cos) = (reading.first_angle + beam as f64 * reading.angle_step).sin_cos();
+                scan.points.push(reading.robot_from_laser * Point2::new(range * cos, range * sin));
+            }
+        }
+        scan
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+    use std::f64::consts::FRAC_PI_2;
+
+    #[test]
+    fn only_measurements_become_points() {
+        let reading = LaserReading {
+            stamp: 3.0,
+            odom_from_robot: Pose::IDENTITY,
+            robot_from_laser: Pose::new(0.1, 0.0, 0.0),
+            first_angle: -FRAC_PI_2,
+            angle_step: FRAC_PI_2,
+            max_range: 80.0,
+            ranges: vec![1.0, 2.0, 3.0, f64::NAN, f64::INFINITY, -1.0, 0.01, 81.0, 35.0],
+        };
+        let scan = Scan::from_reading(&reading, 0.05, 30.0);
+        let expected = [(0.1, -1.0), (2.1, 0.0), (0.1, 3.0)];
+        assert_eq!(scan.points.len(), expected.len());
+        for (point, (x, y)) in scan.points.iter().zip(expected) {
+            assert!((point.x - x).abs() < 1e-12 && (point.y - y).abs() < 1e-12, "{point} is not ({x}, {y})");
+        }
+        assert_eq!((scan.invalid, scan.no_return), (4, 2));
+    }
+}
