@@ -14,6 +14,8 @@ pub enum Draw {
     Proposal = 1,
     /// Offset of the resampling comb.
     Resample = 2,
+    /// Starts of a look for the robot between steps.
+    Tracking = 3,
 }
 
 /// Four independent words of 32 random bits.

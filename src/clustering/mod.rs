@@ -1,0 +1,102 @@
+//! Points -> clusters: G-means with PPCA (III-B of the paper).
+//!
+//! 1. [`split`]: G-means (Hamerly & Elkan, NIPS 2003). A cluster whose points, projected on the line between the two
+//!    halves that 2-means would make of it, fail the Anderson-Darling test of normality is split, until all pass.
+//! 2. [`mixture`]: the clusters become a mixture of PPCA models and are refined by EM (Tipping & Bishop, Neural
+//!    Computation 11, 1999).
+//! 3. Points that are outliers even to their most likely cluster are left out, and the clusters are fitted again.
+//!
+//! Input: points in any frame [m]. Output: clusters in that frame. PPCA is equivariant under rigid motion, so a scan
+//! is clustered once, in the robot's frame, for all particles.
+
+use crate::ppca::Cluster;
+use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
+
+pub mod anderson_darling;
+mod mixture;
+mod split;
+
+/// How points become clusters.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ClusteringConfig {
+    /// Split where A*² is above this. The paper's 1.035 is the 1 % point of the test.
+    pub normality_threshold: f64,
+    /// Split also what is thicker than this standard deviation across [m]; infinite in the paper. A corner or a curve
+    /// of few points can pass for normal along its principal component and still be no line.
+    pub max_across: f64,
+    /// The fewest points of a cluster; smaller ones are dropped with their points.
+    pub min_points: usize,
+    /// Laser noise [m]: no standard deviation of a cluster is taken to be smaller while points are shared out.
+    pub noise: f64,
+    /// A cluster with a longer stretch without points is several [m]; infinite in the paper. Things that happen to lie
+    /// on one line are no wall.
+    pub max_gap: f64,
+    /// At most this many rounds of EM; 0 leaves the G-means clusters as they are.
+    pub em_iterations: usize,
+    /// Points are outliers where less than this share of a cluster's own points would lie further out (1 %).
+    pub outlier_probability: f64,
+}
+
+impl Default for ClusteringConfig {
+    fn default() -> Self {
+        Self {
+            normality_threshold: 1.035,
+            max_across: 0.03,
+            min_points: 5,
+            noise: 0.01,
+            max_gap: 0.4,
+            em_iterations: 10,
+            outlier_probability: 0.01,
+        }
+    }
+}
+
+/// Clusters of a set of points and who belongs to whom.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Clustering {
+    /// The clusters, each of at least `min_points` points.
+    pub clusters: Vec<Cluster>,
+    /// For each point its cluster, or `None` for an outlier.
+    pub assignment: Vec<Option<usize>>,
+}
+
+/// Clusters points (III-B). Points that are not finite are left out as outliers.
+pub fn cluster_points(points: &[Point2<f64>], config: &ClusteringConfig) -> Clustering {
+    let finite: Vec<usize> = (0..points.len()).filter(|&i| points[i].coords.iter().all(|c| c.is_finite())).collect();
+    let kept: Vec<Point2<f64>> = finite.iter().map(|&i| points[i]).collect();
+    let groups = split::g_means(&kept, config);
+    let components = mixture::refine(&kept, &groups, config);
+
+    let mut members = vec![Vec::new(); components.len()];
+    // A Gaussian of the plane holds 1 - exp(-m²/2) of its points within the Mahalanobis distance m.
+    let outlier_distance2 = -2.0 * config.outlier_probability.ln();
+    for (&index, &point) in finite.iter().zip(&kept) {
+        if let Some(best) = mixture::most_likely(&components, point)
+            && mixture::mahalanobis2(&components[best], point) <= outlier_distance2
+        {
+            members[best].push(index);
+        }
+    }
+
+    let mut clustering = Clustering { clusters: Vec::new(), assignment: vec![None; points.len()] };
+    for members in members {
+        for piece in pieces(points, members, config.max_gap) {
+            let Some(cluster) = Cluster::fit(piece.iter().map(|&i| points[i])) else { continue };
+            if piece.len() >= config.min_points {
+                piece.iter().for_each(|&i| clustering.assignment[i] = Some(clustering.clusters.len()));
+                clustering.clusters.push(cluster);
+            }
+        }
+    }
+    clustering
+}
+
+/// Cuts a cluster's points where a stretch of its line longer than `max_gap` [m] holds none.
+fn pieces(points: &[Point2<f64>], mut members: Vec<usize>, max_gap: f64) -> Vec<Vec<usize>> {
+    let Some(cluster) = Cluster::fit(members.iter().map(|&i| points[i])) else { return Vec::new() };
+    let along = |i: usize| cluster.direction.dot(&points[i].coords);
+    members.sort_by(|&a, &b| along(a).total_cmp(&along(b)));
+    members.chunk_by(|&a, &b| along(b) - along(a) <= max_gap).map(<[usize]>::to_vec).collect()
+}

@@ -1,0 +1,137 @@
+//! The evaluator on the CPU.
+
+use super::layout::{ClusterParams, LocalPose, TILE, Tile};
+use nalgebra::{Matrix3, Vector3};
+
+/// The clusters of one map near the robot, ready to be looked through.
+#[derive(Clone, Debug, Default)]
+pub struct LocalMap {
+    clusters: Vec<ClusterParams>,
+    /// Centre and half size of each cluster's support box.
+    boxes: Vec<[f32; 4]>,
+    log_outlier: f32,
+}
+
+/// Sums of one look at a scan from a pose.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Evaluation {
+    /// Σ max ln p over the points (eq. 18); the outlier density where no cluster is likelier.
+    pub log_likelihood: f32,
+    /// Its gradient by (forward, sideways, heading) of the robot.
+    pub gradient: [f32; 3],
+    /// Its negative Hessian, in the Gauss-Newton approximation: xx, xy, xh, yy, yh, hh.
+    pub information: [f32; 6],
+    /// Points that some cluster explains.
+    pub explained: u32,
+}
+
+impl Evaluation {
+    /// The information as a matrix.
+    pub fn information_matrix(&self) -> Matrix3<f64> {
+        let [xx, xy, xh, yy, yh, hh] = self.information.map(f64::from);
+        Matrix3::new(xx, xy, xh, xy, yy, yh, xh, yh, hh)
+    }
+
+    /// The gradient as a vector.
+    pub fn gradient_vector(&self) -> Vector3<f64> {
+        Vector3::from(self.gradient.map(f64::from))
+    }
+}
+
+impl LocalMap {
+    /// A map of these clusters; points below `log_outlier` are outliers.
+    pub fn new(clusters: impl IntoIterator<Item = ClusterParams>, log_outlier: f32) -> Self {
+        let clusters: Vec<_> = clusters.into_iter().filter(|cluster| cluster.log_peak > log_outlier).collect();
+        let boxes = clusters
+            .iter()
+            .map(|cluster| {
+                let [width, height] = cluster.support(log_outlier);
+                [cluster.mean[0], cluster.mean[1], width, height]
+            })
+            .collect();
+        Self { clusters, boxes, log_outlier }
+    }
+
+    /// Σ max ln p over all points (eq. 18).
+    pub fn weigh(&self, pose: LocalPose, tiles: &[Tile]) -> f32 {
+        let mut sum = 0.0;
+        self.look(pose, tiles, |tile, best, _, _, _| {
+            sum += best.iter().take(tile.count as usize).sum::<f32>();
+        });
+        sum
+    }
+
+    /// The same with its gradient and Gauss-Newton Hessian.
+    pub fn linearise(&self, pose: LocalPose, tiles: &[Tile]) -> Evaluation {
+        let mut out = Evaluation::default();
+        let (sin, cos) = pose.heading.sin_cos();
+        self.look(pose, tiles, |tile, best, index, x, y| {
+            for lane in 0..tile.count as usize {
+                out.log_likelihood += best[lane];
+                if index[lane] == u32::MAX {
+                    continue;
+                }
+                out.explained += 1;
+                let cluster = &self.clusters[index[lane] as usize];
+                let (dx, dy) = (x[lane] - cluster.mean[0], y[lane] - cluster.mean[1]);
+                let [ux, uy] = cluster.direction;
+                let (along, across) = (ux * dx + uy * dy, ux * dy - uy * dx);
+                let beyond = (along.abs() - cluster.half_length).max(0.0).copysign(along);
+                // The cluster's axes in the robot's frame, and the lever of a turn.
+                let (ax, ay) = (cos * ux + sin * uy, cos * uy - sin * ux);
+                let (px, py) = (tile.x[lane], tile.y[lane]);
+                out.add(across * cluster.across_scale, cluster.across_scale, [-ay, ax, ax * px + ay * py]);
+                if beyond != 0.0 && false {
+                    out.add(beyond * cluster.along_scale, cluster.along_scale, [ax, ay, ay * px - ax * py]);
+                }
+            }
+        });
+        out
+    }
+
+    /// For each tile: the highest ln p of each point, the cluster that gives it (`u32::MAX`: none, it is an outlier),
+    /// and the points in the map's frame.
+    fn look(&self, pose: LocalPose, tiles: &[Tile], mut each: impl FnMut(&Tile, &[f32; TILE], &[u32; TILE], &[f32; TILE], &[f32; TILE])) {
+        let (sin, cos) = pose.heading.sin_cos();
+        for tile in tiles {
+            let [cx, cy] = tile.centre;
+            let (centre_x, centre_y) = (pose.x + cos * cx - sin * cy, pose.y + sin * cx + cos * cy);
+            let x: [f32; TILE] = std::array::from_fn(|lane| pose.x + cos * tile.x[lane] - sin * tile.y[lane]);
+            let y: [f32; TILE] = std::array::from_fn(|lane| pose.y + sin * tile.x[lane] + cos * tile.y[lane]);
+            let mut best = [self.log_outlier; TILE];
+            let mut index = [u32::MAX; TILE];
+            for (number, (bounds, cluster)) in self.boxes.iter().zip(&self.clusters).enumerate() {
+                let near = (centre_x - bounds[0]).abs() <= bounds[2] + tile.radius
+                    && (centre_y - bounds[1]).abs() <= bounds[3] + tile.radius;
+                if !near {
+                    continue;
+                }
+                let [ux, uy] = cluster.direction;
+                for lane in 0..TILE {
+                    let (dx, dy) = (x[lane] - cluster.mean[0], y[lane] - cluster.mean[1]);
+                    let (along, across) = (ux * dx + uy * dy, ux * dy - uy * dx);
+                    let beyond = (along.abs() - cluster.half_length).max(0.0) * cluster.along_scale;
+                    let across = across * cluster.across_scale;
+                    let log_density = cluster.log_peak - 0.5 * (beyond * beyond + across * across);
+                    let better = log_density > best[lane];
+                    best[lane] = if better { log_density } else { best[lane] };
+                    index[lane] = if better { number as u32 } else { index[lane] };
+                }
+            }
+            each(tile, &best, &index, &x, &y);
+        }
+    }
+}
+
+impl Evaluation {
+    /// Adds a residual r with dr/d(pose) = scale · jacobian to the least-squares sums.
+    fn add(&mut self, residual: f32, scale: f32, jacobian: [f32; 3]) {
+        let [x, y, h] = jacobian.map(|j| j * scale);
+        self.gradient[0] -= residual * x;
+        self.gradient[1] -= residual * y;
+        self.gradient[2] -= residual * h;
+        for (sum, product) in self.information.iter_mut().zip([x * x, x * y, x * h, y * y, y * h, h * h]) {
+            *sum += product;
+        }
+    }
+}

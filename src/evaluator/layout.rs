@@ -1,0 +1,162 @@
+//! Plain data of the evaluator, in f32 and in a frame near the robot.
+
+use crate::geometry::Pose;
+use crate::ppca::Cluster;
+use nalgebra::{Point2, Vector2};
+use serde::{Deserialize, Serialize};
+
+/// How likely a measurement is, given a map (eq. 18).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LikelihoodConfig {
+    /// The distribution of the latent number ζ.
+    pub latent: Latent,
+    /// No standard deviation of a cluster is taken to be smaller [m]: what the map and the laser get wrong together.
+    pub sigma_floor: f64,
+    /// Uniform latent: standard deviation of the fall-off beyond a segment's ends [m]. Walls go on where they have not
+    /// been seen, so an end says little.
+    pub end_sigma: f64,
+    /// Density [1/m²] of a point that no cluster explains; no point is less likely than this.
+    pub outlier_density: f64,
+    /// Log-likelihoods are multiplied by this: neighbouring beams do not err independently. 1 in the paper.
+    pub temper: f64,
+    /// At most this many points of a scan are used, evenly spread over its beams.
+    pub max_points: usize,
+}
+
+/// Distribution of the latent number ζ along a cluster (eq. 7).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Latent {
+    /// The paper's N(0, 1). Density is that of eq. 9.
+    Normal,
+    /// Uniform over the segment of the same variance, each metre of wall as likely as any other: a wall seen in part
+    /// does not pull the robot towards its middle, and a map in fewer, longer clusters is no less likely.
+    Uniform,
+}
+
+impl Default for LikelihoodConfig {
+    fn default() -> Self {
+        Self { latent: Latent::Uniform, sigma_floor: 0.03, end_sigma: 0.3, outlier_density: 0.1, temper: 1.0, max_points: 180 }
+    }
+}
+
+/// A cluster as the kernels see it. For an offset (a along, c across) of a point from the mean,
+/// ln p = `log_peak` - ½ (max(|a| - `half_length`, 0) · `along_scale`)² - ½ (c · `across_scale`)².
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
+pub struct ClusterParams {
+    /// Mean [m].
+    pub mean: [f32; 2],
+    /// Unit vector along the cluster.
+    pub direction: [f32; 2],
+    /// Half the length of the part where every place is as likely [m]; 0 for a normal latent.
+    pub half_length: f32,
+    /// 1 / standard deviation along, beyond that part [1/m].
+    pub along_scale: f32,
+    /// 1 / standard deviation across [1/m].
+    pub across_scale: f32,
+    /// ln p at the mean.
+    pub log_peak: f32,
+}
+
+impl ClusterParams {
+    /// A cluster of the world as the kernels see it, relative to `origin`.
+    pub fn new(cluster: &Cluster, origin: Point2<f64>, config: &LikelihoodConfig) -> Self {
+        let mean = cluster.mean - origin;
+        let floored = cluster.with_variance_floor(config.sigma_floor * config.sigma_floor);
+        let across = floored.across_variance.sqrt();
+        let (half_length, along, log_peak) = match config.latent {
+            Latent::Normal => (0.0, floored.along_variance.sqrt(), floored.log_density(floored.mean)),
+            // Density across, times that of one place in a metre of wall.
+            Latent::Uniform => ((3.0 * cluster.along_variance).sqrt(), config.end_sigma, -(std::f64::consts::TAU.sqrt() * across).ln()),
+        };
+        Self {
+            mean: [mean.x as f32, mean.y as f32],
+            direction: [cluster.direction.x as f32, cluster.direction.y as f32],
+            half_length: half_length as f32,
+            along_scale: (1.0 / along) as f32,
+            across_scale: (1.0 / across) as f32,
+            log_peak: log_peak as f32,
+        }
+    }
+
+    /// Half the width and height of the axis-parallel box outside which a point is likelier an outlier [m].
+    pub fn support(&self, log_outlier: f32) -> [f32; 2] {
+        let reach = (2.0 * (self.log_peak - log_outlier)).max(0.0).sqrt();
+        let (along, across) = (self.half_length + reach / self.along_scale, reach / self.across_scale);
+        let [x, y] = self.direction.map(f32::abs);
+        [x * along + y * across, y * along + x * across]
+    }
+}
+
+/// A pose in the evaluator's frame: that of the world, moved to an origin near the robot.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+pub struct LocalPose {
+    /// Metres.
+    pub x: f32,
+    /// Metres.
+    pub y: f32,
+    /// Radians.
+    pub heading: f32,
+}
+
+impl LocalPose {
+    /// Into the evaluator's frame.
+    pub fn new(world_from_robot: Pose, origin: Point2<f64>) -> Self {
+        Self {
+            x: (world_from_robot.x - origin.x) as f32,
+            y: (world_from_robot.y - origin.y) as f32,
+            heading: world_from_robot.heading as f32,
+        }
+    }
+
+    /// Back to the world.
+    pub fn in_world(self, origin: Point2<f64>) -> Pose {
+        Pose::new(origin.x + f64::from(self.x), origin.y + f64::from(self.y), f64::from(self.heading))
+    }
+}
+
+/// Points a tile: what one look for candidate clusters serves.
+pub const TILE: usize = 16;
+
+/// Consecutive points of a scan, with the circle around them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
+pub struct Tile {
+    /// Points in the robot's frame [m]; the last tile repeats its last point.
+    pub x: [f32; TILE],
+    /// As `x`.
+    pub y: [f32; TILE],
+    /// How many of them count.
+    pub count: u32,
+    /// Centre of a circle around them [m].
+    pub centre: [f32; 2],
+    /// Its radius [m].
+    pub radius: f32,
+}
+
+/// Every so-manieth point, so that there are at most `max_points`, in tiles.
+pub fn tiles(points: &[Point2<f64>], max_points: usize) -> Vec<Tile> {
+    let stride = points.len().div_ceil(max_points.max(1)).max(1);
+    let used: Vec<Point2<f64>> = points.iter().copied().step_by(stride).collect();
+    used.chunks(TILE)
+        .map(|chunk| {
+            let last = chunk[chunk.len() - 1];
+            let at = |lane: usize| chunk.get(lane).copied().unwrap_or(last);
+            let low = chunk.iter().fold(last.coords, |low, p| low.inf(&p.coords));
+            let high = chunk.iter().fold(last.coords, |high, p| high.sup(&p.coords));
+            let centre: Vector2<f64> = 0.5 * (low + high);
+            let radius = chunk.iter().map(|p| (p.coords - centre).norm()).fold(0.0, f64::max);
+            Tile {
+                x: std::array::from_fn(|lane| at(lane).x as f32),
+                y: std::array::from_fn(|lane| at(lane).y as f32),
+                count: chunk.len() as u32,
+                centre: [centre.x as f32, centre.y as f32],
+                // Room for the rounding to f32.
+                radius: (radius * (1.0 + 1e-6) + 1e-4) as f32,
+            }
+        })
+        .collect()
+}

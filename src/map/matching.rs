@@ -1,0 +1,104 @@
+//! Which clusters of a scan are which clusters of the map (III-D of the paper).
+
+use crate::ppca::Cluster;
+use serde::{Deserialize, Serialize};
+
+/// How scan clusters find their map clusters.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MatchingConfig {
+    /// Which rule decides.
+    pub rule: MatchingRule,
+    /// Principal components further apart than this are not the same wall [rad]; 60° in the paper.
+    pub max_angle: f64,
+    /// Paper's rule: pairs further apart than this are not matched [m]. Collinear rule: the lines of a match are at
+    /// most this far apart [m], beyond what the clusters' own thickness explains.
+    pub max_distance: f64,
+    /// Collinear rule: the longest gap between the segments of a match [m].
+    pub max_gap: f64,
+}
+
+/// The rules of matching.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MatchingRule {
+    /// III-D to the letter: two metrics, greedy, one to one.
+    Paper,
+    /// Each scan cluster goes to the map cluster whose line it lies on, several to one: a wall that a doorway or a
+    /// table cuts in two stays one wall.
+    Collinear,
+}
+
+impl Default for MatchingConfig {
+    fn default() -> Self {
+        Self { rule: MatchingRule::Collinear, max_angle: 20f64.to_radians(), max_distance: 0.1, max_gap: 0.3 }
+    }
+}
+
+/// For each scan cluster the index of its map cluster, if it has one. Both sets are in the world's frame.
+pub fn match_clusters(map: &[Cluster], scan: &[Cluster], config: &MatchingConfig) -> Vec<Option<usize>> {
+    match config.rule {
+        MatchingRule::Paper => greedy(map, scan, config),
+        MatchingRule::Collinear => scan.iter().map(|cluster| most_collinear(map, cluster, config)).collect(),
+    }
+}
+
+/// Greedily the pairs of smallest distance, each cluster in one pair at most.
+fn greedy(map: &[Cluster], scan: &[Cluster], config: &MatchingConfig) -> Vec<Option<usize>> {
+    let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+    for (s, scan_cluster) in scan.iter().enumerate() {
+        for (m, map_cluster) in map.iter().enumerate() {
+            let distance = paper_distance(map_cluster, scan_cluster, config.max_angle);
+            if distance <= config.max_distance {
+                pairs.push((distance, s, m));
+            }
+        }
+    }
+    pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    let mut matches = vec![None; scan.len()];
+    let mut taken = vec![false; map.len()];
+    for (_, s, m) in pairs {
+        if matches[s].is_none() && !taken[m] {
+            matches[s] = Some(m);
+            taken[m] = true;
+        }
+    }
+    matches
+}
+
+/// The metric of III-D [m]. The paper leaves open which "other metric" serves where the centres lie within the sum of
+/// the principal variances; it is the mean distance of each centre from the other's line, which does not grow along a
+/// wall. Variances are compared as standard deviations: a distance can only be compared with a length.
+pub fn paper_distance(a: &Cluster, b: &Cluster, max_angle: f64) -> f64 {
+    if a.direction.dot(&b.direction).abs() < max_angle.cos() {
+        return f64::INFINITY;
+    }
+    let apart = b.mean - a.mean;
+    if apart.norm() <= a.along_variance.sqrt() + b.along_variance.sqrt() {
+        0.5 * (a.normal().dot(&apart).abs() + b.normal().dot(&apart).abs())
+    } else {
+        apart.norm()
+    }
+}
+
+/// The map cluster on whose line a cluster lies best.
+fn most_collinear(map: &[Cluster], cluster: &Cluster, config: &MatchingConfig) -> Option<usize> {
+    let distances = map.iter().map(|candidate| line_distance(candidate, cluster, config));
+    let (best, distance) = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    distance.is_finite().then_some(best)
+}
+
+/// How far two clusters are from lying on one line without a gap [m]; infinite where they are not the same wall.
+pub fn line_distance(a: &Cluster, b: &Cluster, config: &MatchingConfig) -> f64 {
+    let (long, short) = if a.along_variance >= b.along_variance { (a, b) } else { (b, a) };
+    let half = 3f64.sqrt();
+    let (long_half, short_half) = (half * long.along_variance.sqrt(), half * short.along_variance.sqrt());
+    let apart = short.mean - long.mean;
+    let (along, across) = (long.direction.dot(&apart), long.normal().dot(&apart));
+    let alignment = long.direction.dot(&short.direction).abs();
+    if alignment < config.max_angle.cos() || along.abs() - long_half - short_half * alignment > config.max_gap {
+        return f64::INFINITY;
+    }
+    let tolerance = config.max_distance + long.across_variance.sqrt() + short.across_variance.sqrt();
+    if across.abs() > tolerance { f64::INFINITY } else { across.abs() }
+}

@@ -1,0 +1,169 @@
+//! A scan's clusters become part of the map (III-E of the paper).
+
+use super::matching::{MatchingConfig, line_distance, match_clusters};
+use super::{MapCluster, Slot};
+use crate::ppca::{Cluster, Moments};
+use serde::{Deserialize, Serialize};
+
+/// How a scan is merged into a map.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MergingConfig {
+    /// How the parameters of a matched pair become one cluster's.
+    pub method: MergingMethod,
+    /// An unmatched cluster becomes part of the map only with at least this many points (III-E).
+    pub min_points: f64,
+    /// ... and with at most this standard deviation across [m] (III-E).
+    pub max_across: f64,
+    /// Map clusters that came to overlap become one, where the union is no thicker than `max_across`.
+    pub consolidate: bool,
+    /// A cluster seen in fewer steps than this is clutter once `clutter_age` steps have passed; 0 keeps all.
+    pub min_sightings: u32,
+    /// Steps after which a cluster that was hardly ever seen is dropped.
+    pub clutter_age: u32,
+}
+
+/// The ways to merge two clusters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MergingMethod {
+    /// Incremental PCA, eq. 15-16.
+    Incremental,
+    /// Moments add up, so the merged cluster is exactly the one of all points together; eq. 16 only tends to it.
+    Moments,
+}
+
+impl Default for MergingConfig {
+    fn default() -> Self {
+        Self {
+            method: MergingMethod::Moments,
+            min_points: 6.0,
+            max_across: 0.05,
+            consolidate: true,
+            min_sightings: 3,
+            clutter_age: 30,
+        }
+    }
+}
+
+/// What one scan changes in one map.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MapChange {
+    /// Clusters that are no longer part of the map.
+    pub removed: Vec<Slot>,
+    /// Clusters that are new in it, or new versions of removed ones.
+    pub added: Vec<MapCluster>,
+}
+
+/// One old and one new cluster as one (III-E). The centre is the weighted average of both.
+pub fn merge(old: &Cluster, new: &Cluster, method: MergingMethod) -> Cluster {
+    let union = old.moments().union(&new.moments());
+    match method {
+        MergingMethod::Moments => union.fit().unwrap_or(*old),
+        MergingMethod::Incremental => incremental(old, new, &union),
+    }
+}
+
+/// Eq. 16 for the m points of a cluster at once: with x = v/|v|,
+/// v ← n/(n+m) v + 1/(n+m) Σ (z - μ)(z - μ)ᵀ x, the sum being known from the new cluster's moments.
+///
+/// The total variance is that of all points, so what is not along x is across it.
+fn incremental(old: &Cluster, new: &Cluster, union: &Moments) -> Cluster {
+    let offset = new.mean.coords - union.mean;
+    let second_moment = new.covariance() + offset * offset.transpose();
+    let share = new.count / union.count;
+    let v = old.direction * (old.along_variance * (1.0 - share)) + second_moment * old.direction * share;
+    let along_variance = v.norm();
+    if along_variance <= 0.0 {
+        return *old;
+    }
+    let total = union.scatter.trace() / union.count;
+    Cluster {
+        mean: union.mean.into(),
+        direction: v / along_variance,
+        along_variance: along_variance.min(total),
+        across_variance: (total - along_variance).max(0.0),
+        count: union.count,
+    }
+}
+
+/// Merges a scan's clusters, given in the world's frame, into the clusters of a map that lie near them (III-D, III-E).
+pub fn merge_scan(
+    near: &[(Slot, MapCluster)],
+    scan: &[Cluster],
+    step: u32,
+    matching: &MatchingConfig,
+    config: &MergingConfig,
+) -> MapChange {
+    let map: Vec<Cluster> = near.iter().map(|(_, entry)| entry.cluster).collect();
+    let matches = match_clusters(&map, scan, matching);
+    let mut entries: Vec<Entry> =
+        near.iter().map(|&(slot, entry)| Entry { slot: Some(slot), entry, state: State::Kept }).collect();
+    for (cluster, matched) in scan.iter().zip(matches) {
+        let merged = matched.map(|index| (index, merge(&entries[index].entry.cluster, cluster, config.method)));
+        if let Some((index, merged)) = merged && (!config.consolidate || merged.across_variance <= config.max_across.powi(2)) {
+            let entry = &mut entries[index];
+            entry.entry.cluster = merged;
+            entry.entry.sightings += u32::from(entry.entry.last_step != step);
+            entry.entry.last_step = step;
+            entry.state = State::Changed;
+        } else if cluster.count >= config.min_points && cluster.across_variance <= config.max_across.powi(2) {
+            let entry = MapCluster { cluster: *cluster, first_step: step, last_step: step, sightings: 1 };
+            entries.push(Entry { slot: None, entry, state: State::Changed });
+        }
+    }
+    if config.consolidate {
+        consolidate(&mut entries, matching, config);
+    }
+    for entry in &mut entries {
+        let forgotten = entry.entry.sightings < config.min_sightings && entry.entry.last_step + config.clutter_age < step;
+        if forgotten && entry.state == State::Kept {
+            entry.state = State::Gone;
+        }
+    }
+    MapChange {
+        removed: entries.iter().filter(|e| e.state != State::Kept).filter_map(|e| e.slot).collect(),
+        added: entries.iter().filter(|e| e.state == State::Changed).map(|e| e.entry).collect(),
+    }
+}
+
+struct Entry {
+    slot: Option<Slot>,
+    entry: MapCluster,
+    state: State,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum State {
+    Kept,
+    Changed,
+    Gone,
+}
+
+/// Joins each changed cluster with what it has come to overlap, as long as the union is still a line.
+fn consolidate(entries: &mut [Entry], matching: &MatchingConfig, config: &MergingConfig) {
+    for i in 0..entries.len() {
+        if entries[i].state != State::Changed {
+            continue;
+        }
+        for j in 0..entries.len() {
+            if i == j || entries[j].state == State::Gone {
+                continue;
+            }
+            let (a, b) = (entries[i].entry, entries[j].entry);
+            if line_distance(&a.cluster, &b.cluster, matching).is_infinite() {
+                continue;
+            }
+            let union = merge(&a.cluster, &b.cluster, MergingMethod::Moments);
+            if union.across_variance <= config.max_across.powi(2) {
+                entries[i].entry = MapCluster {
+                    cluster: union,
+                    first_step: a.first_step.min(b.first_step),
+                    last_step: a.last_step.max(b.last_step),
+                    sightings: a.sightings.max(b.sightings),
+                };
+                entries[j].state = State::Gone;
+            }
+        }
+    }
+}

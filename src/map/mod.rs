@@ -1,0 +1,77 @@
+//! Maps of clusters that share what they have in common.
+//!
+//! A cluster never changes once it is in the [`Pool`]; merging makes a new one. A [`Map`] is a list of pool slots, so
+//! copying a particle copies no cluster, and particles of one ancestor share its clusters until they differ.
+
+use crate::ppca::Cluster;
+
+pub mod matching;
+pub mod merging;
+
+/// A cluster of a map, and when it was seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapCluster {
+    /// The cluster, in the world's frame.
+    pub cluster: Cluster,
+    /// The step that first saw it.
+    pub first_step: u32,
+    /// The step that last saw it.
+    pub last_step: u32,
+    /// How many steps saw it.
+    pub sightings: u32,
+}
+
+/// Place of a cluster in the pool.
+pub type Slot = u32;
+
+/// Every cluster of every map.
+#[derive(Clone, Debug, Default)]
+pub struct Pool {
+    clusters: Vec<MapCluster>,
+    free: Vec<Slot>,
+}
+
+/// One map hypothesis: slots of the pool, each once, in the order in which they were added.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Map {
+    /// The clusters of this map.
+    pub slots: Vec<Slot>,
+}
+
+impl Pool {
+    /// Puts a cluster in.
+    pub fn insert(&mut self, cluster: MapCluster) -> Slot {
+        if let Some(slot) = self.free.pop() {
+            self.clusters[slot as usize] = cluster;
+            slot
+        } else {
+            self.clusters.push(cluster);
+            (self.clusters.len() - 1) as Slot
+        }
+    }
+
+    /// Frees what none of these maps holds.
+    pub fn keep_only<'a>(&mut self, maps: impl IntoIterator<Item = &'a Map>) {
+        let mut held = vec![false; self.clusters.len()];
+        for map in maps {
+            map.slots.iter().for_each(|&slot| held[slot as usize] = true);
+        }
+        // Lowest slots last, so that they are taken first and the pool stays compact.
+        self.free = (0..self.clusters.len() as Slot).rev().filter(|&slot| !held[slot as usize]).collect();
+    }
+
+    /// Clusters in use, by the last count of [`Pool::keep_only`].
+    pub fn len(&self) -> usize {
+        self.clusters.len() - self.free.len()
+    }
+
+    /// Whether no cluster is in use.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The clusters of a map, in its order.
+    pub fn clusters_of<'a>(&'a self, map: &'a Map) -> impl Iterator<Item = (Slot, &'a MapCluster)> {
+        map.slots.iter().map(|&slot| (slot, &self.clusters[slot as usize]))
+    }
+}
