@@ -14,14 +14,15 @@ use std::path::{Path, PathBuf};
 
 /// Scores a trajectory against relations, reference poses, or both.
 #[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("truth").required(true).multiple(true))]
 pub struct EvalArgs {
     /// Trajectory: TUM (t x y z qx qy qz qw) or t x y theta, plain or gzip
     trajectory: PathBuf,
     /// Relations of the SLAM benchmark (t1 t2 x y z roll pitch yaw), plain or gzip
-    #[arg(long, value_name = "FILE", required_unless_present = "reference")]
+    #[arg(long, value_name = "FILE", group = "truth")]
     relations: Option<PathBuf>,
     /// Trajectory of reference poses, in the formats of the trajectory
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", group = "truth")]
     reference: Option<PathBuf>,
     /// Print JSON in place of a table
     #[arg(long)]
@@ -216,7 +217,7 @@ mod tests {
             ("/relations/loop/rotation_deg/max", 90.0),
             ("/relations/loop/rotation_rad/max", 90_f64.to_radians()),
             ("/reference/ate/translation_m/rmse", 0.0),
-            ("/reference/rpe_1_s/translation_m/count", 232.0),
+            ("/reference/rpe_1_s/translation_m/count", 234.0),
             ("/reference/rpe_10_m/translation_m/rmse", 0.0),
         ] {
             let found = json.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
@@ -231,7 +232,8 @@ mod tests {
     #[test]
     fn asks_for_a_truth_that_fits() {
         let (_folder, paths) = files();
-        assert!(parse(&[&paths[0]]).unwrap_err().to_string().contains("--relations"));
+        let message = parse(&[&paths[0]]).unwrap_err().to_string();
+        assert!(message.contains("<--relations <FILE>|--reference <FILE>>"), "{message}");
         for (option, truth) in [("--relations", &paths[1]), ("--reference", &paths[0])] {
             let args = parse(&[&paths[2], option, truth]).unwrap();
             let message = eval(&args).unwrap_err().to_string();

@@ -11,11 +11,12 @@ use serde::Serialize;
 pub mod relations;
 pub mod trajectory;
 
-/// Stamps this close name the same reading [s].
+/// Stamps this close, in seconds, name the same reading.
 pub const SAME_STAMP: f64 = 2e-3;
-/// The widest gap between two poses to interpolate over [s].
+/// The widest gap between two poses to interpolate over, in seconds.
 pub const MAX_GAP: f64 = 2.0;
-/// How far in time a pose may be taken from where there is nothing to interpolate between [s].
+/// How far in time a pose may be taken from where there is nothing to interpolate between, in
+/// seconds.
 pub const MAX_DISTANCE: f64 = 0.1;
 
 /// The poses of a trajectory by their stamps.
@@ -43,7 +44,7 @@ impl PoseLookup {
         Self { poses }
     }
 
-    /// The pose at a stamp [s]: that of the nearest stamp within [`SAME_STAMP`]; else, between two poses at most
+    /// The pose at a stamp in seconds: that of the nearest stamp within [`SAME_STAMP`]; else, between two poses at most
     /// [`MAX_GAP`] apart, what lies between them (position linearly, heading on the short way); else that of the
     /// nearest stamp within [`MAX_DISTANCE`]; else none.
     pub fn at(&self, stamp: f64) -> Option<Pose> {
@@ -111,9 +112,9 @@ impl ErrorStats {
 /// Errors of poses, by their parts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PoseErrors {
-    /// Distances of the positions [m].
+    /// Distances of the positions, in metres.
     pub translation: ErrorStats,
-    /// Absolute differences of the headings [rad], at most π.
+    /// Absolute differences of the headings, in radians, at most π.
     pub rotation: ErrorStats,
 }
 

@@ -8,7 +8,7 @@ use super::{PoseErrors, PoseLookup};
 use crate::geometry::{Pose, StampedPose};
 use crate::io::relations::Relation;
 
-/// Relations of stamps farther apart than this [s] close a loop; the others are local.
+/// Relations of stamps farther apart than this, in seconds, close a loop; the others are local.
 pub const LOOP_SECONDS: f64 = 10.0;
 
 /// Errors of the motions between pairs of stamps.

@@ -5,7 +5,7 @@
 //! - Absolute trajectory error: |trans(Qᵢ) - S trans(Pᵢ)|, where the rigid motion S makes the sum of the squares least
 //!   (Horn, Umeyama; rotation and translation, no scale).
 //! - Relative pose error: Eᵢ = (Qᵢ⁻¹ Qⱼ)⁻¹ (Pᵢ⁻¹ Pⱼ), over every i and the j that lies nearest to a fixed time or a fixed
-//!   length of path after it. Pairs that miss it by more than a tenth are left out.
+//!   length of path after it. Pairs that miss it by more than a quarter are left out (the last poses have none).
 //!
 //! Neither depends on the frame that the trajectory is in.
 
@@ -13,12 +13,12 @@ use super::{ErrorStats, PoseErrors, PoseLookup};
 use crate::geometry::{Pose, StampedPose};
 use nalgebra::{Point2, Vector2};
 
-/// The time over which the relative pose error is taken [s].
+/// The time over which the relative pose error is taken, in seconds.
 pub const RELATIVE_SECONDS: f64 = 1.0;
-/// The length of path, along the reference, over which the relative pose error is taken [m].
+/// The length of path, along the reference, over which the relative pose error is taken, in metres.
 pub const RELATIVE_METRES: f64 = 10.0;
-/// By which part of itself a time or length may be missed.
-const RELATIVE_TOLERANCE: f64 = 0.1;
+/// By which part of itself a time or length may be missed: enough for poses half a second apart.
+const RELATIVE_TOLERANCE: f64 = 0.25;
 
 /// Errors against reference poses.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,7 +29,7 @@ pub struct ReferenceErrors {
     pub unmatched: usize,
     /// The alignment S: takes the trajectory's world to that of the reference.
     pub reference_from_world: Pose,
-    /// Absolute trajectory error [m]; `None` where no pose was matched.
+    /// Absolute trajectory error, in metres; `None` where no pose was matched.
     pub absolute: Option<ErrorStats>,
     /// Relative pose error over [`RELATIVE_SECONDS`]; `None` where no two poses are that far apart.
     pub relative_in_time: Option<PoseErrors>,
