@@ -391,7 +391,7 @@ fn the_laser_is_the_one_asked_for() {
 /// robot is believed to stand at its true pose moved by `error`.
 fn share_on_walls(simulation: &Simulation, error: Pose) -> f64 {
     let (mut on, mut all) = (0, 0);
-    for (reading, truth) in sweeps(simulation).iter().step_by(10) {
+    for (reading, truth) in sweeps(simulation).iter().step_by(40) {
         for point in Scan::from_reading(reading, 0.0, 80.0).points {
             let point = *truth * error * point;
             all += 1;

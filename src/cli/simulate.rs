@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Longest log that is written [bytes].
 const LARGEST_LOG: u64 = 4 << 30;
 
-/// Arguments of `ipslam simulate`.
+/// Writes the log of a simulated drive, and where the robot really was.
 #[derive(Debug, clap::Args)]
 pub struct SimulateArgs {
     /// Folder for NAME.log (CARMEN) and NAME.truth.tum (true poses), made where it is missing
@@ -26,7 +26,7 @@ pub struct SimulateArgs {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Beams of the laser, from 2
-    #[arg(long, default_value_t = Laser::default().beams)]
+    #[arg(long, default_value_t = Laser::default().beams, allow_negative_numbers = true)]
     beams: usize,
     /// Field of view of the laser in degrees, up to 360
     #[arg(long, value_name = "DEGREES", default_value_t = 180.0, allow_negative_numbers = true)]
@@ -86,6 +86,11 @@ fn simulation(args: &SimulateArgs) -> anyhow::Result<Simulation> {
         (0.0..=50.0).contains(&args.odometry_noise),
         "--odometry-noise is {}, but has to be 0 to 50",
         args.odometry_noise
+    );
+    ensure!(
+        args.field_of_view > 0.0 && args.field_of_view <= 360.0,
+        "--field-of-view is {}, but has to be above 0 and at most 360 degrees",
+        args.field_of_view
     );
     let config = SimulationConfig {
         seed: args.seed,
@@ -197,7 +202,7 @@ mod tests {
             (&["--beams", "-4"], "--beams"),
             (&["--odometry-noise", "-1"], "--odometry-noise is -1, but has to be 0 to 50"),
             (&["--odometry-noise", "nan"], "--odometry-noise is NaN"),
-            (&["--field-of-view", "-90"], "field of view"),
+            (&["--field-of-view", "-90"], "--field-of-view is -90, but has to be above 0"),
             (&["--max-range", "inf"], "maximum range"),
             (&["--duration", "-1"], "duration is -1"),
             (&["--size", "60x40"], "--size is for --world random"),
