@@ -4,7 +4,6 @@
 //! passes for a whole one. An `Err` is the reason why a line is malformed, for a person to read.
 
 use crate::geometry::{Pose, wrap_angle};
-use std::f64::consts::PI;
 
 /// Lasers that a log can tell apart: the front one, the rear one, and two more.
 pub(super) const LASERS: usize = 4;
@@ -14,6 +13,9 @@ const REAR: usize = 1;
 /// Fields after the last value of every message: `ipc_timestamp ipc_hostname logger_timestamp`.
 const TAIL: usize = 3;
 const POSE: usize = 3;
+
+/// No robot turned further [rad]; larger numbers are damage, and lose digits when they are wrapped.
+const LARGEST_ANGLE: f64 = 1e6;
 
 /// Longest part of a word that an error message shows [bytes].
 const SHOWN: usize = 32;
@@ -300,12 +302,14 @@ impl<'a> Fields<'a> {
         if number.is_finite() { Ok(number) } else { Err(format!("{what} is not finite: {number}")) }
     }
 
-    /// An angle in (-π, π].
+    /// An angle, wrapped to (-π, π].
     fn angle(&mut self, what: &str) -> Result<f64, String> {
         let angle = self.finite(what)?;
-        let wrapped = wrap_angle(angle);
-        // The digits of a huge number do not reach down to one turn.
-        if wrapped.abs() <= PI { Ok(wrapped) } else { Err(format!("{what} has no angle: {angle:?}")) }
+        if angle.abs() <= LARGEST_ANGLE {
+            Ok(wrap_angle(angle))
+        } else {
+            Err(format!("{what} has no angle: {angle:?}"))
+        }
     }
 
     fn whole_number(&mut self, what: &str) -> Result<usize, String> {
