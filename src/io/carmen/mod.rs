@@ -1,0 +1,314 @@
+//! CARMEN logs (`.clf`, `.log`): text with one message a line, plain or gzip.
+//!
+//! In: a file. Out: its odometry, laser sweeps and true poses as [`LogEntry`]s, in the order of the lines, metres,
+//! radians and seconds, stamped with the message's `ipc_timestamp`. The log is streamed, so memory does not grow with
+//! it. Lines that cannot be read are left out and counted in [`LogStats`].
+//!
+//! | Message | Becomes |
+//! |---|---|
+//! | `ODOM` | odometry |
+//! | `FLASER`, `RLASER` | laser, angles implied by the number of beams ([`implied_angles`]), no maximum range |
+//! | `ROBOTLASER1`, `ROBOTLASER2` | laser, with angles, maximum range and poses of its own |
+//! | `RAWLASER1` .. `RAWLASER4` | laser, with angles and maximum range of its own, at the last odometry before it |
+//! | `TRUEPOS` | truth |
+//! | `PARAM` | mounting and maximum range of the lasers; other parameters do nothing |
+//! | others | nothing, counted by name |
+//!
+//! # Where a laser is mounted
+//! A message with two poses has the laser's first and the robot's second: `robot_from_laser` is the first seen from the
+//! second. Where the two are equal, and in `RAWLASER` messages, it is the mounting that the log's parameters tell
+//! (`robot_frontlaser_offset` [m, forward], `robot_frontlaser_side_offset` [m, to the left],
+//! `robot_frontlaser_angular_offset` [rad], the same for `rearlaser`): programs that rewrite logs put the robot's pose
+//! in both places. Without parameters a laser sits at the robot's origin and looks forward; the second one (`RLASER`,
+//! `ROBOTLASER2`, `RAWLASER2`) looks backward.
+//!
+//! # Maximum range
+//! `robot_front_laser_max` and `robot_rear_laser_max` [m] where a log has them, for `FLASER` and `RLASER`; otherwise
+//! infinite. The other messages carry their own; one that is not above zero means unknown, which is infinite.
+//!
+//! # One sweep, two messages
+//! CARMEN's logger can write a sweep twice, as `RAWLASER1` and as `FLASER` or `ROBOTLASER1` (`RAWLASER2`: `RLASER` or
+//! `ROBOTLASER2`). Once the message with poses was seen, the raw one is skipped and counted.
+
+use super::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
+use crate::geometry::Pose;
+use input::{Input, Line};
+use parse::{LASERS, Message, Param, Setting, Sweep};
+use std::f64::consts::PI;
+use std::fs::File;
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
+
+mod input;
+mod parse;
+mod write;
+
+pub use parse::implied_angles;
+pub use write::CarmenWriter;
+
+/// A file without a CARMEN message in so many lines that are neither blank nor comments is no CARMEN log.
+const LINES_TO_RECOGNISE: u64 = 1000;
+/// Names of skipped messages that are counted apart; a damaged file could hold any number.
+const MAX_SKIPPED_NAMES: usize = 64;
+/// Under this name the others are counted.
+const OTHER_NAMES: &str = "(others)";
+
+const EXPECTED: &str = "a CARMEN log is needed: text, plain or gzip, one message a line (FLASER, RLASER, ROBOTLASER1, \
+                        RAWLASER1, ODOM, ...); give such a file or convert this one";
+
+/// A CARMEN log in a file.
+#[derive(Clone, Debug)]
+pub struct CarmenLog {
+    path: PathBuf,
+}
+
+impl CarmenLog {
+    /// The log in this file; nothing is opened yet.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into() }
+    }
+}
+
+impl LogSource for CarmenLog {
+    fn name(&self) -> String {
+        let name = self.path.file_name().unwrap_or_default().to_string_lossy();
+        let name = name.strip_suffix(".gz").unwrap_or(&name);
+        Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
+    fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
+        let failed = |source| LogError::Open { path: self.path.clone(), source };
+        let file = File::open(&self.path).map_err(failed)?;
+        let metadata = file.metadata().map_err(failed)?;
+        if metadata.is_dir() {
+            return Err(failed(std::io::Error::new(ErrorKind::IsADirectory, "a folder; name a log file inside it")));
+        }
+        let mut reader = CarmenReader::from_reader(&self.path, file)?;
+        reader.length = metadata.is_file().then_some(metadata.len());
+        Ok(Box::new(reader))
+    }
+}
+
+/// How a laser is mounted and how far it sees, as far as the log's parameters tell.
+#[derive(Clone, Copy, Debug)]
+struct Mounting {
+    robot_from_laser: Pose,
+    max_range: f64,
+}
+
+/// The entries of a CARMEN log.
+///
+/// [`LogError::NotThisFormat`] comes out when 1000 lines, or all of a shorter file, hold no CARMEN message.
+#[derive(Debug)]
+pub struct CarmenReader {
+    path: PathBuf,
+    input: Input,
+    length: Option<u64>,
+    ended: bool,
+    recognised: bool,
+    unrecognised_lines: u64,
+    mountings: [Mounting; LASERS],
+    /// Lasers whose sweeps came with poses.
+    posed: [bool; LASERS],
+    odom_from_robot: Option<Pose>,
+    last_stamp: f64,
+    stats: LogStats,
+}
+
+impl CarmenReader {
+    /// Reads a log from anything that holds its bytes, plain or gzip; `path` names it in errors.
+    pub fn from_reader(path: impl Into<PathBuf>, bytes: impl Read + Send + 'static) -> Result<Self, LogError> {
+        let path = path.into();
+        let input = match Input::new(bytes) {
+            Ok(input) => input,
+            Err(source) => return Err(LogError::Read { path, line: 0, source }),
+        };
+        let forward = Mounting { robot_from_laser: Pose::IDENTITY, max_range: f64::INFINITY };
+        let backward = Mounting { robot_from_laser: Pose::new(0.0, 0.0, PI), ..forward };
+        Ok(Self {
+            path,
+            input,
+            length: None,
+            ended: false,
+            recognised: false,
+            unrecognised_lines: 0,
+            mountings: [forward, backward, forward, forward],
+            posed: [false; LASERS],
+            odom_from_robot: None,
+            last_stamp: f64::NEG_INFINITY,
+            stats: LogStats::default(),
+        })
+    }
+
+    /// The next entry; `None` at the end of the log.
+    fn next_entry(&mut self) -> Result<Option<LogEntry>, LogError> {
+        let mut line = Vec::new();
+        loop {
+            let read = self.input.read_line(&mut line);
+            let read =
+                read.map_err(|source| LogError::Read { path: self.path.clone(), line: self.stats.lines, source })?;
+            let understood = match read {
+                Line::End if self.recognised => return Ok(None),
+                Line::End => return Err(self.not_carmen()),
+                Line::TooLong => {
+                    self.stats.lines += 1;
+                    if !self.recognised {
+                        return Err(self.not_carmen());
+                    }
+                    Err(format!("the line is longer than {} bytes", input::MAX_LINE))
+                }
+                Line::Whole => {
+                    self.stats.lines += 1;
+                    let text = line.trim_ascii();
+                    if text.is_empty() || text.starts_with(b"#") {
+                        continue;
+                    }
+                    self.recognise(text)?;
+                    parse::parse(text).and_then(|message| self.understand(message))
+                }
+            };
+            match understood {
+                Ok(Some(entry)) => return Ok(Some(self.count(entry))),
+                Ok(None) => {}
+                Err(reason) => self.count_malformed(reason),
+            }
+        }
+    }
+
+    fn recognise(&mut self, text: &[u8]) -> Result<(), LogError> {
+        if !self.recognised {
+            self.recognised = parse::is_carmen(text);
+            self.unrecognised_lines += 1;
+            if !self.recognised && self.unrecognised_lines == LINES_TO_RECOGNISE {
+                return Err(self.not_carmen());
+            }
+        }
+        Ok(())
+    }
+
+    fn not_carmen(&self) -> LogError {
+        let reason = match self.stats.lines {
+            0 => "the file is empty".to_owned(),
+            lines => format!("no CARMEN message in the first {lines} lines"),
+        };
+        LogError::NotThisFormat { path: self.path.clone(), reason, expected: EXPECTED }
+    }
+
+    /// What a message says, given those before it; `Err` tells why its line is malformed.
+    fn understand(&mut self, message: Message<'_>) -> Result<Option<LogEntry>, String> {
+        match message {
+            Message::Odometry { stamp, odom_from_robot } => {
+                self.odom_from_robot = Some(odom_from_robot);
+                Ok(Some(LogEntry::Odometry { stamp, odom_from_robot }))
+            }
+            Message::Truth { stamp, world_from_robot } => Ok(Some(LogEntry::Truth { stamp, world_from_robot })),
+            Message::Sweep(sweep) => Ok(self.reading(sweep)?.map(LogEntry::Laser)),
+            Message::Param(param) => {
+                self.set(param);
+                Ok(None)
+            }
+            Message::Other(name) => {
+                self.count_skipped(&String::from_utf8_lossy(name));
+                Ok(None)
+            }
+            Message::OtherParam => Ok(None),
+        }
+    }
+
+    fn reading(&mut self, sweep: Sweep) -> Result<Option<LaserReading>, String> {
+        let mounting = self.mountings[sweep.laser];
+        let (odom_from_robot, robot_from_laser) = match sweep.poses {
+            Some(poses) if poses.odom_from_laser == poses.odom_from_robot => {
+                (poses.odom_from_robot, mounting.robot_from_laser)
+            }
+            Some(poses) => (poses.odom_from_robot, poses.odom_from_laser.seen_from(poses.odom_from_robot)),
+            None if self.posed[sweep.laser] => {
+                self.count_skipped(&format!("RAWLASER{}", sweep.laser + 1));
+                return Ok(None);
+            }
+            None => (self.odom_from_robot.unwrap_or(Pose::IDENTITY), mounting.robot_from_laser),
+        };
+        if !robot_from_laser.is_finite() {
+            return Err("laser and robot are too far apart".to_owned());
+        }
+        if sweep.poses.is_some() {
+            self.posed[sweep.laser] = true;
+            self.odom_from_robot = Some(odom_from_robot);
+        } else if self.odom_from_robot.is_none() {
+            self.stats.laser_without_odometry += 1;
+        }
+        Ok(Some(LaserReading {
+            stamp: sweep.stamp,
+            odom_from_robot,
+            robot_from_laser,
+            first_angle: sweep.first_angle,
+            angle_step: sweep.angle_step,
+            max_range: sweep.max_range.unwrap_or(mounting.max_range),
+            ranges: sweep.ranges,
+        }))
+    }
+
+    fn set(&mut self, param: Param) {
+        let mounting = &mut self.mountings[param.laser];
+        match param.setting {
+            Setting::Forward => mounting.robot_from_laser.x = param.value,
+            Setting::Left => mounting.robot_from_laser.y = param.value,
+            Setting::Heading => mounting.robot_from_laser.heading = param.value,
+            Setting::MaxRange => mounting.max_range = parse::known_range(param.value),
+        }
+    }
+
+    fn count(&mut self, entry: LogEntry) -> LogEntry {
+        let stamp = match &entry {
+            LogEntry::Odometry { stamp, .. } => {
+                self.stats.odometry += 1;
+                *stamp
+            }
+            LogEntry::Laser(reading) => {
+                self.stats.laser += 1;
+                reading.stamp
+            }
+            LogEntry::Truth { stamp, .. } => *stamp,
+        };
+        self.stats.backward_stamps += u64::from(stamp < self.last_stamp);
+        self.last_stamp = stamp;
+        entry
+    }
+
+    fn count_malformed(&mut self, reason: String) {
+        self.stats.malformed += 1;
+        if self.stats.first_malformed.is_none() {
+            let error = LogError::Line { path: self.path.clone(), line: self.stats.lines, reason };
+            self.stats.first_malformed = Some(error.to_string());
+        }
+    }
+
+    fn count_skipped(&mut self, name: &str) {
+        let skipped = &mut self.stats.skipped;
+        let name = if skipped.len() < MAX_SKIPPED_NAMES || skipped.contains_key(name) { name } else { OTHER_NAMES };
+        *skipped.entry(name.to_owned()).or_default() += 1;
+    }
+}
+
+impl Iterator for CarmenReader {
+    type Item = Result<LogEntry, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.ended {
+            return None;
+        }
+        let entry = self.next_entry().transpose();
+        self.ended = !matches!(entry, Some(Ok(_)));
+        entry
+    }
+}
+
+impl LogReader for CarmenReader {
+    fn stats(&self) -> &LogStats {
+        &self.stats
+    }
+
+    fn progress(&self) -> Option<(u64, u64)> {
+        self.length.map(|length| (self.input.consumed(), length))
+    }
+}
