@@ -8,6 +8,7 @@ use crate::geometry::Pose;
 use std::path::PathBuf;
 
 pub mod carmen;
+pub mod map_json;
 pub mod relations;
 pub mod tum;
 
