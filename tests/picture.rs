@@ -1,5 +1,7 @@
 //! Pictures are read back as a viewer would: the SVG as XML, the PNG as pixels, and lengths by the scale bar.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests")]
+
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::picture::{Figures, Line, Picture, PointRaster, View, svg_to_png};
 use ipslam::ppca::Cluster;
@@ -87,7 +89,7 @@ fn y_is_up_and_lengths_are_those_of_the_scale_bar() {
     let scale = pixels_per_metre(&svg);
     let pixmap = pixels(&svg);
     let document = Document::parse(&svg).unwrap();
-    let top = numbers(node(&document, "map").descendants().last().unwrap().attribute("y").unwrap())[0];
+    let top = numbers(node(&document, "map").descendants().next_back().unwrap().attribute("y").unwrap())[0];
     // Below the legend, which has the same colours.
     let inside = |places: Vec<(f64, f64)>| places.into_iter().filter(|p| p.1 > top).collect::<Vec<_>>();
     let red = inside(places(&pixmap, |r, g, b| r > 250 && g < 5 && b < 5));
@@ -104,7 +106,7 @@ fn y_is_up_and_lengths_are_those_of_the_scale_bar() {
 fn ink_heights(svg: &str) -> Vec<f64> {
     let scale = pixels_per_metre(svg);
     let document = Document::parse(svg).unwrap();
-    let map = node(&document, "map").descendants().last().unwrap();
+    let map = node(&document, "map").descendants().next_back().unwrap();
     let number = |name| map.attribute(name).unwrap().parse::<f64>().unwrap();
     let (left, top, width, height) = (number("x"), number("y"), number("width"), number("height"));
     let within = |p: &(f64, f64)| p.0 > left + 3.0 && p.0 < left + width - 3.0 && p.1 > top + 3.0;

@@ -130,7 +130,7 @@ impl<'a> Figures<'a> {
     }
 }
 
-/// Length of the way from pose to pose [m]; pairs that are not finite are left out.
+/// Length of the way from pose to pose, in metres; pairs that are not finite are left out.
 fn path_length(poses: &[StampedPose]) -> f64 {
     let steps = poses.windows(2).map(|pair| (pair[1].pose.position() - pair[0].pose.position()).norm());
     steps.filter(|step| step.is_finite()).sum()

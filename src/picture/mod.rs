@@ -1,9 +1,9 @@
 //! Pictures of a run: laser points, clusters and trajectories seen from above, as SVG and as PNG.
 //!
-//! A [`Picture`] is a list of layers in the world's frame [m], x to the right and y up. [`Picture::to_svg`] writes the
-//! one document; [`svg_to_png`] renders that same document, with a font of its own, so that both formats show the
-//! same on any machine. Points are far too many for a vector picture and are counted in a [`PointRaster`] first.
-//! [`Figures`] makes the paper's figures 3 and 4 and the map of a run in one pass over its scans.
+//! A [`Picture`] is a list of layers in the world's frame, in metres, x to the right and y up. [`Picture::to_svg`]
+//! writes the one document; [`svg_to_png`] renders that same document, with a font of its own, so that both formats
+//! show the same on any machine. Points are far too many for a vector picture and are counted in a [`PointRaster`]
+//! first. [`Figures`] makes the paper's figures 3 and 4 and the map of a run in one pass over its scans.
 //!
 //! What is not finite is left out.
 
@@ -21,10 +21,10 @@ use crate::geometry::StampedPose;
 use crate::ppca::Cluster;
 use nalgebra::{Point2, Vector2};
 
-/// Longer side of the pictures that are written as PNG [pixels].
+/// Longer side, in pixels, of the pictures that are written as PNG.
 pub const PNG_SIDE: u32 = 1600;
 
-/// Farther from the origin than this [m] nothing is drawn; it keeps every number of a picture in range.
+/// Nothing is drawn farther from the origin than this, in metres; it keeps every number of a picture in range.
 pub(crate) const FARTHEST: f64 = 1e7;
 
 /// How a trajectory is drawn.
@@ -112,14 +112,14 @@ impl<'a> Picture<'a> {
 /// A rectangle of the world, axis-parallel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// Lower left corner [m].
+    /// Lower left corner, in metres.
     pub min: Point2<f64>,
-    /// Upper right corner [m].
+    /// Upper right corner, in metres.
     pub max: Point2<f64>,
 }
 
 impl View {
-    /// Least width and height of a view [m]: a run that has not moved yet still shows a place.
+    /// Least width and height of a view, in metres: a run that has not moved yet still shows a place.
     const LEAST: f64 = 4.0;
     /// Margin, as a share of the longer side.
     const MARGIN: f64 = 0.04;
@@ -148,7 +148,7 @@ impl View {
         tight.widened(Vector2::new(size.x + 2.0 * margin, size.y + 2.0 * margin).sup(&Vector2::repeat(Self::LEAST)))
     }
 
-    /// Width and height [m].
+    /// Width and height, in metres.
     pub fn size(&self) -> Vector2<f64> {
         self.max - self.min
     }

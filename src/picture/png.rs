@@ -13,7 +13,7 @@ pub enum PictureError {
     /// No picture of this size can be held in memory.
     #[error("the picture cannot be rendered {side} pixels long; ask for at least one and fewer than 20,000")]
     Size {
-        /// Longer side asked for [pixels].
+        /// Longer side asked for, in pixels.
         side: u32,
     },
     /// The pixels cannot be written as PNG.
@@ -21,7 +21,7 @@ pub enum PictureError {
     Png(String),
 }
 
-/// Longer side that is known to fit in memory and in the arithmetic of the renderer [pixels].
+/// Longer sides, in pixels, stay below this, within memory and the renderer's arithmetic.
 const MOST_PIXELS: u32 = 20_000;
 
 /// Renders an SVG document on white, its longer side `side` pixels, and returns the bytes of a PNG file.

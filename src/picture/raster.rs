@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 const TILE: i64 = 16;
 /// Most tiles; 512 bytes each.
 const MOST_TILES: usize = 1 << 16;
-/// Finest cells [m].
+/// Side of the finest cells, in metres.
 const FINEST_CELL: f64 = 0.02;
 /// Most image pixels along the longer side of a view.
 const IMAGE_SIDE: f64 = 1600.0;
@@ -22,7 +22,7 @@ const OUTSIDE: f64 = 0.005;
 /// How many points of the world's frame fell into each cell of a grid.
 #[derive(Clone, Debug)]
 pub struct PointRaster {
-    /// Side of a cell [m].
+    /// Side of a cell, in metres.
     cell: f64,
     /// Counts by tile column and row; cells row by row from the lower left.
     tiles: BTreeMap<(i64, i64), Box<[u16; (TILE * TILE) as usize]>>,
@@ -49,7 +49,7 @@ impl PointRaster {
         Self::default()
     }
 
-    /// Counts one point of the world's frame [m]; points that are not finite are left out.
+    /// Counts one point of the world's frame, in metres; points that are not finite are left out.
     pub fn add(&mut self, point: Point2<f64>) {
         if !is_drawable(point) {
             return;
@@ -101,7 +101,7 @@ impl PointRaster {
         })
     }
 
-    /// The cells within a view, `cells per pixel` to a side where the view is wide; the more points the more opaque.
+    /// The cells within a view as an image, several cells to a pixel where the view is wide; more points, more opaque.
     pub(super) fn image(&self, view: &View, colour: [u8; 3]) -> Option<RasterImage> {
         let per_pixel = (view.size().amax() / self.cell / IMAGE_SIDE).ceil().max(1.0) as i64;
         let pixel = self.cell * per_pixel as f64;

@@ -7,9 +7,9 @@
 use crate::ppca::Cluster;
 use nalgebra::{Point2, Vector2};
 
-/// Points whose density is lower under every cluster are not displayed (section V of the paper) [1/m²].
+/// Points whose density is lower under every cluster are not displayed (section V of the paper); in 1/m².
 const LEAST_DENSITY: f64 = 1e-8;
-/// Least variance of a cluster [m²]: a perfect line still has a density.
+/// Least variance of a cluster, in m²: a perfect line still has a density.
 const VARIANCE_FLOOR: f64 = 1e-6;
 /// Most cells along a side of the grid.
 const MOST_CELLS: f64 = 256.0;
@@ -19,7 +19,7 @@ const MOST_CELLS: f64 = 256.0;
 pub(super) struct ClusterGrid {
     clusters: Vec<Cluster>,
     corner: Point2<f64>,
-    /// Side of a cell [m].
+    /// Side of a cell, in metres.
     cell: f64,
     columns: usize,
     /// Indices into `clusters`, row by row.
@@ -83,7 +83,7 @@ mod tests {
     use crate::random::{Draw, bits, uniform};
 
     /// The oracle: every cluster asked.
-    fn slow<'a>(map: &'a [Cluster], point: Point2<f64>) -> Option<&'a Cluster> {
+    fn slow(map: &[Cluster], point: Point2<f64>) -> Option<&Cluster> {
         let best = map.iter().max_by(|a, b| a.log_density(point).total_cmp(&b.log_density(point)))?;
         (best.log_density(point).exp() >= 1e-8).then_some(best)
     }

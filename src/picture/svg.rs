@@ -11,12 +11,12 @@ use base64::Engine as _;
 use nalgebra::{Point2, Vector2};
 use std::fmt::Write as _;
 
-/// White around the map [pixels].
+/// White around the map, in pixels.
 const BORDER: f64 = 40.0;
-/// Longest and shortest sides of the map [pixels].
+/// Longest and shortest sides of the map, in pixels.
 const MOST: Vector2<f64> = Vector2::new(1520.0, 1400.0);
 const LEAST: Vector2<f64> = Vector2::new(1020.0, 300.0);
-/// Room below the map, for the scale bar [pixels].
+/// Room below the map for the scale bar, in pixels.
 const FOOTER: f64 = 76.0;
 
 const TEXT: &str = "#1d2430";
@@ -32,7 +32,7 @@ const POINTS_BELOW: [u8; 3] = [125, 160, 196];
 struct Page {
     width: f64,
     height: f64,
-    /// Upper left corner and size of the map [pixels].
+    /// Upper left corner and size of the map, in pixels.
     corner: Point2<f64>,
     size: Vector2<f64>,
     view: View,
@@ -292,7 +292,7 @@ fn legend(picture: &Picture<'_>) -> Vec<LegendEntry> {
     entries
 }
 
-/// Width that a legend entry takes [pixels], from the mean width of the font's letters.
+/// Width that a legend entry takes, in pixels, from the mean width of the font's letters.
 fn entry_width(entry: &LegendEntry) -> f64 {
     40.0 + 9.7 * entry.label.chars().count() as f64 + 28.0
 }
