@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 pub mod carmen;
 mod columns;
+pub mod map_json;
 pub mod relations;
 pub mod tum;
 

@@ -1,0 +1,145 @@
+//! The paper's figures 3 and 4 and the map of a run, in one pass over its scans.
+//!
+//! A run is over before its pictures are made: the final map and the trajectories are known, and the scans are fed
+//! one at a time from a second reading of the log, so no scan is kept.
+
+use super::reproject::ClusterGrid;
+use super::{Line, PNG_SIDE, Picture, PictureError, PointRaster, View, svg_to_png};
+use crate::geometry::{Pose, StampedPose};
+use crate::record::RunResult;
+use crate::scan::Scan;
+use rayon::prelude::*;
+
+/// Gathers the points of a run and draws its pictures.
+pub struct Figures<'a> {
+    name: String,
+    result: &'a RunResult,
+    reference: &'a [StampedPose],
+    world_from_odom: Pose,
+    odometry: Vec<StampedPose>,
+    grid: ClusterGrid,
+    scans: u64,
+    by_odometry: PointRaster,
+    registered: PointRaster,
+    reprojected: PointRaster,
+}
+
+impl<'a> Figures<'a> {
+    /// Starts the pictures of a run over the log `name`.
+    ///
+    /// Odometry is moved as a whole so that its first pose is the first pose of the trajectory. `reference` is the
+    /// true trajectory in the world's frame, shifted and rotated to it by the caller; empty where there is none.
+    pub fn new(name: impl Into<String>, result: &'a RunResult, reference: &'a [StampedPose]) -> Self {
+        let first = |poses: &[StampedPose]| poses.first().map_or(Pose::IDENTITY, |stamped| stamped.pose);
+        let world_from_odom = first(&result.trajectory) * first(&result.odometry).inverse();
+        let moved = |stamped: &StampedPose| StampedPose { pose: world_from_odom * stamped.pose, ..*stamped };
+        Self {
+            name: name.into(),
+            result,
+            reference,
+            world_from_odom,
+            odometry: result.odometry.iter().map(moved).collect(),
+            grid: ClusterGrid::new(&result.map),
+            scans: 0,
+            by_odometry: PointRaster::new(),
+            registered: PointRaster::new(),
+            reprojected: PointRaster::new(),
+        }
+    }
+
+    /// Adds one scan: where odometry, as recorded, and the filter saw the robot.
+    pub fn add_scan(&mut self, scan: &Scan, odom_from_robot: Pose, world_from_robot: Pose) {
+        self.scans += 1;
+        let drifting = self.world_from_odom * odom_from_robot;
+        for &point in &scan.points {
+            self.by_odometry.add(drifting * point);
+            let point = world_from_robot * point;
+            self.registered.add(point);
+            if let Some(cluster) = self.grid.most_likely(point) {
+                self.reprojected.add(cluster.reprojected(point));
+            }
+        }
+    }
+
+    /// Draws everything: file names and what is in the files.
+    pub fn finish(&self) -> Result<Vec<(&'static str, Vec<u8>)>, PictureError> {
+        let drawn: Vec<Vec<_>> = self
+            .pictures()
+            .into_par_iter()
+            .map(|(png_name, svg_name, picture)| {
+                let svg = picture.to_svg();
+                let png = svg_to_png(&svg, PNG_SIDE)?;
+                let svg = svg_name.map(|name| (name, svg.into_bytes()));
+                Ok(svg.into_iter().chain([(png_name, png)]).collect())
+            })
+            .collect::<Result<_, PictureError>>()?;
+        Ok(drawn.into_iter().flatten().collect())
+    }
+
+    /// Every picture with the name of its PNG, and of its SVG where that is written as well.
+    fn pictures(&self) -> [(&'static str, Option<&'static str>, Picture<'_>); 6] {
+        let Self { name, result, .. } = self;
+        let path = &result.trajectory[..];
+        let view = View::around([path], &result.map, Some(&self.registered));
+        let clusters = result.map.len();
+        let scans = format!("{} points of {} scans", thousands(self.registered.count()), thousands(self.scans));
+        let length = path_length(path);
+
+        let map = Picture::new(name)
+            .note(format!("{clusters} clusters from {scans}; path {length:.0} m"))
+            .view(view)
+            .points("laser points", &self.registered)
+            .clusters(&result.map)
+            .trajectory("trajectory", Line::ESTIMATE, path);
+        let figure3 = Picture::new(format!("{name}: map by raw odometry"))
+            .note(format!("{scans}; path {:.0} m", path_length(&self.odometry)))
+            .points("laser points", &self.by_odometry)
+            .trajectory("odometry", Line::ODOMETRY, &self.odometry);
+        let other = if self.reference.is_empty() {
+            ("odometry", Line { dashed: true, ..Line::REFERENCE }, &self.odometry[..])
+        } else {
+            ("reference trajectory", Line::REFERENCE, self.reference)
+        };
+        let figure4a = Picture::new(format!("{name}: trajectory"))
+            .note(format!("path {length:.0} m"))
+            .trajectory("corrected trajectory", Line::ESTIMATE, path)
+            .trajectory(other.0, other.1, other.2);
+        let figure4b = Picture::new(format!("{name}: map of clusters"))
+            .note(format!("{clusters} clusters, {} numbers", thousands(5 * clusters as u64)))
+            .view(view)
+            .points("laser points", &self.registered)
+            .clusters(&result.map);
+        let figure4c = Picture::new(format!("{name}: registered laser points"))
+            .note(&scans)
+            .view(view)
+            .points("laser points", &self.registered)
+            .trajectory("trajectory", Line::ESTIMATE, path);
+        let shown = self.reprojected.count() as f64 / self.registered.count().max(1) as f64;
+        let figure4d = Picture::new(format!("{name}: laser points projected on their clusters"))
+            .note(format!("{:.1} % of {scans}; the others are far from every cluster", 100.0 * shown))
+            .view(view)
+            .points("projected laser points", &self.reprojected);
+        [
+            ("map.png", Some("map.svg"), map),
+            ("figure3_odometry_map.png", None, figure3),
+            ("figure4a_trajectory.png", None, figure4a),
+            ("figure4b_clusters.png", None, figure4b),
+            ("figure4c_points.png", None, figure4c),
+            ("figure4d_reprojected.png", None, figure4d),
+        ]
+    }
+}
+
+/// Length of the way from pose to pose, in metres; pairs that are not finite are left out.
+fn path_length(poses: &[StampedPose]) -> f64 {
+    let steps = poses.windows(2).map(|pair| (pair[1].pose.position() - pair[0].pose.position()).norm());
+    steps.filter(|step| step.is_finite()).sum()
+}
+
+/// A count with commas.
+fn thousands(count: u64) -> String {
+    let digits = count.to_string();
+    let groups: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().filter_map(|group| std::str::from_utf8(group).ok()).collect();
+    groups.join(",")
+}
