@@ -17,13 +17,13 @@
 //! # Where a laser is mounted
 //! A message with two poses has the laser's first and the robot's second: `robot_from_laser` is the first seen from the
 //! second. Where the two are equal, and in `RAWLASER` messages, it is the mounting that the log's parameters tell
-//! (`robot_frontlaser_offset` [m, forward], `robot_frontlaser_side_offset` [m, to the left],
-//! `robot_frontlaser_angular_offset` [rad], the same for `rearlaser`): programs that rewrite logs put the robot's pose
-//! in both places. Without parameters a laser sits at the robot's origin and looks forward; the second one (`RLASER`,
-//! `ROBOTLASER2`, `RAWLASER2`) looks backward.
+//! (`robot_frontlaser_offset`, metres forward, `robot_frontlaser_side_offset`, metres to the left,
+//! `robot_frontlaser_angular_offset`, radians, the same for `rearlaser`): programs that rewrite logs put the robot's
+//! pose in both places. Without parameters a laser sits at the robot's origin and looks forward; the second one
+//! (`RLASER`, `ROBOTLASER2`, `RAWLASER2`) looks backward.
 //!
 //! # Maximum range
-//! `robot_front_laser_max` and `robot_rear_laser_max` [m] where a log has them, for `FLASER` and `RLASER`; otherwise
+//! `robot_front_laser_max` and `robot_rear_laser_max` \[m\] where a log has them, for `FLASER` and `RLASER`; otherwise
 //! infinite. The other messages carry their own; one that is not above zero means unknown, which is infinite.
 //!
 //! # One sweep, two messages

@@ -90,7 +90,7 @@ const PARAMS: [(&[u8], usize, Setting); 8] = [
     (b"robot_rear_laser_max", REAR, Setting::MaxRange),
 ];
 
-/// Angle of the first beam and from one beam to the next [rad] of a sweep whose message holds only ranges.
+/// Angle of the first beam and from one beam to the next \[rad\] of a sweep whose message holds only ranges.
 ///
 /// These are the modes of the lasers that recorded such logs, as CARMEN and GMapping take them:
 ///
