@@ -6,6 +6,7 @@ use crate::map::matching::{MatchingConfig, MatchingRule};
 use crate::map::merging::{MergingConfig, MergingMethod};
 use crate::motion::MotionConfig;
 use crate::proposal::ProposalConfig;
+use crate::smoothing::SmoothingConfig;
 use serde::{Deserialize, Serialize};
 
 /// The configuration of a run. A file may set any part of it; what it leaves out keeps its default.
@@ -34,6 +35,8 @@ pub struct Config {
     pub merging: MergingConfig,
     /// When the filter takes a step, and when it resamples.
     pub filter: FilterConfig,
+    /// What comes after it.
+    pub smoothing: SmoothingConfig,
 }
 
 /// Which ranges count.
@@ -86,6 +89,7 @@ impl Default for Config {
             matching: MatchingConfig::default(),
             merging: MergingConfig::default(),
             filter: FilterConfig::default(),
+            smoothing: SmoothingConfig::default(),
         }
     }
 }
@@ -96,12 +100,18 @@ impl Config {
         Self {
             particles: 201,
             maps: 201,
-            clustering: ClusteringConfig { max_across: f64::INFINITY, max_gap: f64::INFINITY, ..ClusteringConfig::default() },
+            clustering: ClusteringConfig {
+                min_points: 5,
+                max_across: f64::INFINITY,
+                max_gap: f64::INFINITY,
+                ..ClusteringConfig::default()
+            },
             motion: MotionConfig::default(),
             proposal: ProposalConfig { iterations: 0, tracking_starts: 0 },
             likelihood: LikelihoodConfig {
                 latent: Latent::Normal,
                 sigma_floor: 0.01,
+                capture_sigma: 0.01,
                 end_sigma: 0.01,
                 outlier_density: 1e-8,
                 temper: 1.0,
@@ -118,10 +128,12 @@ impl Config {
                 min_points: 10.0,
                 max_across: 0.1,
                 consolidate: false,
+                cluster_cost: 0.0,
                 min_sightings: 0,
                 clutter_age: 0,
             },
             filter: FilterConfig { step_distance: 0.0, step_turn: 0.0, resample_below: 1.0, weigh_merged_map: true },
+            smoothing: SmoothingConfig { passes: 0, ..SmoothingConfig::default() },
             ..Self::default()
         }
     }

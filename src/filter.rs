@@ -67,8 +67,9 @@ impl Ancestry {
 
     /// The poses from the first step to this end.
     pub fn path(&self, end: u32) -> Vec<Pose> {
-        let mut path: Vec<Pose> =
-            std::iter::successors(Some(end), |&node| self.nodes[node as usize].parent).map(|node| self.nodes[node as usize].world_from_robot).collect();
+        let mut path: Vec<Pose> = std::iter::successors(Some(end), |&node| self.nodes[node as usize].parent)
+            .map(|node| self.nodes[node as usize].world_from_robot)
+            .collect();
         path.reverse();
         path
     }
@@ -140,7 +141,8 @@ mod tests {
     #[test]
     fn paths_survive_compaction() {
         let mut ancestry = Ancestry::default();
-        let mut ends = vec![ancestry.extend(None, Pose::new(0.0, 0.0, 0.0)), ancestry.extend(None, Pose::new(0.0, 1.0, 0.0))];
+        let mut ends =
+            vec![ancestry.extend(None, Pose::new(0.0, 0.0, 0.0)), ancestry.extend(None, Pose::new(0.0, 1.0, 0.0))];
         for step in 1..50_000 {
             ends = ends.iter().map(|&end| ancestry.extend(Some(end), Pose::new(f64::from(step), 0.0, 0.0))).collect();
             if step == 100 {

@@ -17,3 +17,4 @@ pub mod record;
 pub mod scan;
 pub mod simulate;
 pub mod slam;
+pub mod smoothing;

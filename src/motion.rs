@@ -29,11 +29,11 @@ impl Default for MotionConfig {
     /// Wide enough for a robot whose heading is off by half a radian in a bad moment, such as that of the CSAIL log.
     fn default() -> Self {
         Self {
-            position_per_distance: 0.2,
+            position_per_distance: 0.05,
             position_per_turn: 0.02,
             heading_per_distance: 0.2,
             heading_per_turn: 0.3,
-            position_floor: 0.01,
+            position_floor: 0.005,
             heading_floor: 0.01,
         }
     }
@@ -58,7 +58,8 @@ impl Motion {
     pub fn from_odometry(odom_from_earlier: Pose, odom_from_later: Pose, config: &MotionConfig) -> Self {
         let mean = odom_from_later.seen_from(odom_from_earlier);
         let (distance, turn) = (mean.x.hypot(mean.y), mean.heading.abs());
-        let position = config.position_floor + config.position_per_distance * distance + config.position_per_turn * turn;
+        let position =
+            config.position_floor + config.position_per_distance * distance + config.position_per_turn * turn;
         let heading = config.heading_floor + config.heading_per_distance * distance + config.heading_per_turn * turn;
         let diagonal = nalgebra::Vector3::new(position * position, position * position, heading * heading);
         Self { mean, covariance: Matrix3::from_diagonal(&diagonal) }

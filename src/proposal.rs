@@ -66,25 +66,22 @@ const CONVERGED: [f64; 3] = [5e-4, 5e-4, 2e-4];
 
 impl Target<'_> {
     /// Climbs from `start` to the nearest top.
+    ///
+    /// Steps are taken on the gradient alone and never refused for a lower value: a pose further back in a corridor
+    /// always explains more points than one that reaches into the unknown, and no step may be judged by that.
     pub fn climb(&self, start: Pose, prior: &Prior, iterations: usize) -> Mode {
-        let mut mode = self.at(start, prior).0;
-        let mut next = start;
+        let (mut mode, mut gradient) = self.at(start, prior);
         for _ in 0..iterations {
-            let (here, gradient) = self.at(next, prior);
-            if here.log_posterior >= mode.log_posterior {
-                mode = here;
-            }
-            let Some(cholesky) = Cholesky::new(here.information) else { break };
+            let Some(cholesky) = Cholesky::new(mode.information) else { break };
             let step = cholesky.solve(&gradient);
             let shrink = (0..3).map(|i| MAX_STEP[i] / step[i].abs().max(1e-12)).fold(1.0, f64::min);
             let step = step * shrink;
-            next = here.world_from_robot * Pose::new(step.x, step.y, step.z);
+            (mode, gradient) = self.at(mode.world_from_robot * Pose::new(step.x, step.y, step.z), prior);
             if (0..3).all(|i| step[i].abs() < CONVERGED[i]) {
                 break;
             }
         }
-        let last = self.at(next, prior).0;
-        if last.log_posterior >= mode.log_posterior { last } else { mode }
+        mode
     }
 
     /// The quadratic model at a pose, and the gradient.

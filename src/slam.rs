@@ -127,7 +127,8 @@ impl Slam {
     /// Table I, 2: all particles start at the origin of the world.
     fn begin(&mut self) {
         let path = self.ancestry.extend(None, Pose::IDENTITY);
-        let hypothesis = Hypothesis { map: Map::default(), world_from_robot: Pose::IDENTITY, log_weight: 0.0, score: 0.0, path };
+        let hypothesis =
+            Hypothesis { map: Map::default(), world_from_robot: Pose::IDENTITY, log_weight: 0.0, score: 0.0, path };
         self.hypotheses = vec![hypothesis; self.config.maps];
     }
 
@@ -143,8 +144,11 @@ impl Slam {
         let particles = self.propose(tiles);
         lap(&mut self.times.refine);
         let weights = normalised(&particles.iter().map(|p| p.log_weight).collect::<Vec<_>>());
-        let reported: Vec<_> =
-            particles.iter().zip(&weights).map(|(p, &weight)| ReportedParticle { world_from_robot: p.world_from_robot, weight }).collect();
+        let reported: Vec<_> = particles
+            .iter()
+            .zip(&weights)
+            .map(|(p, &weight)| ReportedParticle { world_from_robot: p.world_from_robot, weight })
+            .collect();
         let ess = effective_sample_size(&weights);
         let resampled = self.select(&particles, &weights);
         lap(&mut self.times.resample);
@@ -177,14 +181,20 @@ impl Slam {
         self.by_odometry = self.by_odometry.then(&increment);
         let predicted = self.tracked.then(&increment);
         self.tracked = predicted;
-        let (Some(information), Some(spread)) = (predicted.covariance.try_inverse(), Cholesky::new(predicted.covariance)) else { return };
+        let (Some(information), Some(spread)) =
+            (predicted.covariance.try_inverse(), Cholesky::new(predicted.covariance))
+        else {
+            return;
+        };
         if self.config.proposal.tracking_starts == 0 {
             return;
         }
         let best = &self.hypotheses[self.best];
         let centre = best.world_from_robot * predicted.mean;
         let origin = Point2::new(centre.x.round(), centre.y.round());
-        let map = self.local_map(&best.map, origin, centre, tiles);
+        let map = self.local_map(&best.map, origin, centre, tiles, &self.config.likelihood);
+        let wide = self.local_map(&best.map, origin, centre, tiles, &self.config.likelihood.capturing());
+        let coarse = Target { map: &wide, tiles, origin };
         let target = Target { map: &map, tiles, origin };
         let prior = Prior { world_from_robot: centre, information };
         let count = self.readings.len() as u32;
@@ -192,9 +202,15 @@ impl Slam {
             .into_par_iter()
             .map(|start| {
                 let noise = normals(self.config.seed, count, start, Draw::Tracking);
-                let noise = if start == 0 { Vector3::zeros() } else { Vector3::new(noise[0], noise[1], noise[2]).map(f64::from) };
+                let noise = if start == 0 {
+                    Vector3::zeros()
+                } else {
+                    Vector3::new(noise[0], noise[1], noise[2]).map(f64::from)
+                };
                 let off = spread.l() * noise;
-                target.climb(centre * Pose::new(off.x, off.y, off.z), &prior, self.config.proposal.iterations)
+                let found =
+                    coarse.climb(centre * Pose::new(off.x, off.y, off.z), &prior, self.config.proposal.iterations / 2);
+                target.climb(found.world_from_robot, &prior, self.config.proposal.iterations)
             })
             .collect::<Vec<_>>()
             .into_iter()
@@ -219,17 +235,28 @@ impl Slam {
             .map(|index| {
                 let hypothesis = index / each;
                 let from = &self.hypotheses[hypothesis];
-                let mut particle = Particle { hypothesis, world_from_robot: from.world_from_robot, log_weight: from.log_weight - (each as f64).ln(), gain: 0.0 };
+                let mut particle = Particle {
+                    hypothesis,
+                    world_from_robot: from.world_from_robot,
+                    log_weight: from.log_weight - (each as f64).ln(),
+                    gain: 0.0,
+                };
                 if first {
                     return particle;
                 }
-                let random = |d| { let n = normals(self.config.seed, self.steps, index as u32, d); Vector3::new(n[0], n[1], n[2]).map(f64::from) };
+                let random = |d| {
+                    let n = normals(self.config.seed, self.steps, index as u32, d);
+                    Vector3::new(n[0], n[1], n[2]).map(f64::from)
+                };
                 let off = spread * random(Draw::Motion);
                 let start = from.world_from_robot * self.tracked.mean * Pose::new(off.x, off.y, off.z);
                 let origin = Point2::new(start.x.round(), start.y.round());
-                let map = self.local_map(&from.map, origin, start, tiles);
-                let target = Target { map: &map, tiles, origin, };
+                let map = self.local_map(&from.map, origin, start, tiles, likelihood);
+                let wide = self.local_map(&from.map, origin, start, tiles, &likelihood.capturing());
+                let coarse = Target { map: &wide, tiles, origin };
+                let target = Target { map: &map, tiles, origin };
                 let prior = Prior { world_from_robot: from.world_from_robot * self.by_odometry.mean, information };
+                let start = coarse.climb(start, &prior, self.config.proposal.iterations / 2).world_from_robot;
                 let mode = target.climb(start, &prior, self.config.proposal.iterations);
                 let (pose, log_proposal) = draw(&mode, likelihood.temper, random(Draw::Proposal));
                 particle.world_from_robot = pose;
@@ -243,14 +270,21 @@ impl Slam {
     /// Table I, 6d: as many survivors as there are maps. Returns whether maps were resampled.
     fn select(&mut self, particles: &[Particle], weights: &[f64]) -> bool {
         let each = particles.len() / self.hypotheses.len();
-        let offset = |k: usize| f64::from(uniform(crate::random::bits(self.config.seed, self.steps, k as u32, Draw::Resample)[0]));
+        let offset = |k: usize| {
+            f64::from(uniform(crate::random::bits(self.config.seed, self.steps, k as u32, Draw::Resample)[0]))
+        };
         // Each map keeps one of its poses, drawn by weight, and the weight of all of them.
         let chosen: Vec<usize> = (0..self.hypotheses.len())
             .map(|h| h * each + resample(&weights[h * each..(h + 1) * each], 1, offset(h + 1))[0])
             .collect();
         let map_weights: Vec<f64> = weights.chunks(each).map(|w| w.iter().sum()).collect();
-        let resampled = effective_sample_size(&map_weights) < self.config.filter.resample_below * map_weights.len() as f64;
-        let survivors = if resampled { resample(&map_weights, self.config.maps, offset(0)) } else { (0..self.hypotheses.len()).collect() };
+        let resampled =
+            effective_sample_size(&map_weights) < self.config.filter.resample_below * map_weights.len() as f64;
+        let survivors = if resampled {
+            resample(&map_weights, self.config.maps, offset(0))
+        } else {
+            (0..self.hypotheses.len()).collect()
+        };
         self.hypotheses = survivors
             .into_iter()
             .map(|h| {
@@ -264,7 +298,9 @@ impl Slam {
                 }
             })
             .collect();
-        self.best = (0..self.hypotheses.len()).max_by(|&a, &b| self.hypotheses[a].score.total_cmp(&self.hypotheses[b].score)).unwrap_or(0);
+        self.best = (0..self.hypotheses.len())
+            .max_by(|&a, &b| self.hypotheses[a].score.total_cmp(&self.hypotheses[b].score))
+            .unwrap_or(0);
         let mut ends: Vec<u32> = self.hypotheses.iter().map(|h| h.path).collect();
         self.ancestry.compact(&mut ends);
         self.hypotheses.iter_mut().zip(ends).for_each(|(h, end)| h.path = end);
@@ -290,6 +326,9 @@ impl Slam {
             })
             .collect();
         for (hypothesis, change) in self.hypotheses.iter_mut().zip(changes) {
+            let growth = change.added.len() as f64 - change.removed.len() as f64;
+            hypothesis.log_weight -= self.config.merging.cluster_cost * growth;
+            hypothesis.score -= self.config.merging.cluster_cost * growth;
             hypothesis.map.slots.retain(|slot| !change.removed.contains(slot));
             hypothesis.map.slots.extend(change.added.into_iter().map(|cluster| self.pool.insert(cluster)));
         }
@@ -298,21 +337,31 @@ impl Slam {
         }
     }
 
-    fn local_map(&self, map: &Map, origin: Point2<f64>, robot: Pose, tiles: &[Tile]) -> LocalMap {
-        let reach = tiles.iter().map(|t| f64::from(t.centre[0].hypot(t.centre[1]) + t.radius)).fold(0.0, f64::max) + 1.0;
-        let likelihood = &self.config.likelihood;
+    fn local_map(
+        &self,
+        map: &Map,
+        origin: Point2<f64>,
+        robot: Pose,
+        tiles: &[Tile],
+        likelihood: &crate::evaluator::layout::LikelihoodConfig,
+    ) -> LocalMap {
+        let reach =
+            tiles.iter().map(|t| f64::from(t.centre[0].hypot(t.centre[1]) + t.radius)).fold(0.0, f64::max) + 1.0;
         LocalMap::new(
             self.pool
                 .clusters_of(map)
                 .map(|(_, c)| &c.cluster)
                 .filter(|c| (c.mean - robot.position()).norm() < reach + 0.5 * c.length())
                 .map(|c| ClusterParams::new(c, origin, likelihood)),
-            likelihood.outlier_density.ln() as f32,
+            likelihood.log_outlier(),
         )
     }
 
     fn best_map(&self) -> Vec<Cluster> {
-        self.hypotheses.get(self.best).map(|h| self.pool.clusters_of(&h.map).map(|(_, c)| c.cluster).collect()).unwrap_or_default()
+        self.hypotheses
+            .get(self.best)
+            .map(|h| self.pool.clusters_of(&h.map).map(|(_, c)| c.cluster).collect())
+            .unwrap_or_default()
     }
 
     /// The best particle's whole path and map.

@@ -43,8 +43,8 @@ impl Default for ClusteringConfig {
     fn default() -> Self {
         Self {
             normality_threshold: 1.035,
-            max_across: 0.03,
-            min_points: 5,
+            max_across: 0.02,
+            min_points: 3,
             noise: 0.01,
             max_gap: 0.4,
             em_iterations: 10,

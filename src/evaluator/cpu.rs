@@ -41,7 +41,7 @@ impl Evaluation {
 impl LocalMap {
     /// A map of these clusters; points below `log_outlier` are outliers.
     pub fn new(clusters: impl IntoIterator<Item = ClusterParams>, log_outlier: f32) -> Self {
-        let clusters: Vec<_> = clusters.into_iter().filter(|cluster| cluster.log_peak > log_outlier).collect();
+        let clusters: Vec<_> = clusters.into_iter().collect();
         let boxes = clusters
             .iter()
             .map(|cluster| {
@@ -76,22 +76,36 @@ impl LocalMap {
                 let (dx, dy) = (x[lane] - cluster.mean[0], y[lane] - cluster.mean[1]);
                 let [ux, uy] = cluster.direction;
                 let (along, across) = (ux * dx + uy * dy, ux * dy - uy * dx);
-                let beyond = (along.abs() - cluster.half_length).max(0.0).copysign(along);
                 // The cluster's axes in the robot's frame, and the lever of a turn.
                 let (ax, ay) = (cos * ux + sin * uy, cos * uy - sin * ux);
                 let (px, py) = (tile.x[lane], tile.y[lane]);
                 out.add(across * cluster.across_scale, cluster.across_scale, [-ay, ax, ax * px + ay * py]);
-                if beyond != 0.0 && false {
-                    out.add(beyond * cluster.along_scale, cluster.along_scale, [ax, ay, ay * px - ax * py]);
+                // The end of a segment is where it was last seen, so it must not pull; a normal latent has no end.
+                if cluster.half_length == 0.0 {
+                    out.add(along * cluster.along_scale, cluster.along_scale, [ax, ay, ay * px - ax * py]);
                 }
             }
         });
         out
     }
 
+    /// For each point its most likely cluster, by the order in which the clusters were given; `None` for an outlier.
+    pub fn explain(&self, pose: LocalPose, tiles: &[Tile]) -> Vec<Option<usize>> {
+        let mut out = Vec::with_capacity(tiles.len() * TILE);
+        self.look(pose, tiles, |tile, _, index, _, _| {
+            out.extend(index.iter().take(tile.count as usize).map(|&i| (i != u32::MAX).then_some(i as usize)));
+        });
+        out
+    }
+
     /// For each tile: the highest ln p of each point, the cluster that gives it (`u32::MAX`: none, it is an outlier),
     /// and the points in the map's frame.
-    fn look(&self, pose: LocalPose, tiles: &[Tile], mut each: impl FnMut(&Tile, &[f32; TILE], &[u32; TILE], &[f32; TILE], &[f32; TILE])) {
+    fn look(
+        &self,
+        pose: LocalPose,
+        tiles: &[Tile],
+        mut each: impl FnMut(&Tile, &[f32; TILE], &[u32; TILE], &[f32; TILE], &[f32; TILE]),
+    ) {
         let (sin, cos) = pose.heading.sin_cos();
         for tile in tiles {
             let [cx, cy] = tile.centre;

@@ -13,6 +13,8 @@ pub struct LikelihoodConfig {
     pub latent: Latent,
     /// No standard deviation of a cluster is taken to be smaller [m]: what the map and the laser get wrong together.
     pub sigma_floor: f64,
+    /// The same for the first steps of a climb [m]: how far off a wall is still found.
+    pub capture_sigma: f64,
     /// Uniform latent: standard deviation of the fall-off beyond a segment's ends [m]. Walls go on where they have not
     /// been seen, so an end says little.
     pub end_sigma: f64,
@@ -37,7 +39,27 @@ pub enum Latent {
 
 impl Default for LikelihoodConfig {
     fn default() -> Self {
-        Self { latent: Latent::Uniform, sigma_floor: 0.03, end_sigma: 0.3, outlier_density: 0.1, temper: 1.0, max_points: 180 }
+        Self {
+            latent: Latent::Uniform,
+            sigma_floor: 0.03,
+            capture_sigma: 0.1,
+            end_sigma: 0.1,
+            outlier_density: 0.01,
+            temper: 0.2,
+            max_points: 180,
+        }
+    }
+}
+
+impl LikelihoodConfig {
+    /// ln of the density of a point that no cluster explains.
+    pub fn log_outlier(&self) -> f32 {
+        self.outlier_density.ln() as f32
+    }
+
+    /// The same likelihood, but with walls that reach as far as `capture_sigma` lets them.
+    pub fn capturing(&self) -> Self {
+        Self { sigma_floor: self.capture_sigma.max(self.sigma_floor), ..*self }
     }
 }
 
@@ -69,7 +91,9 @@ impl ClusterParams {
         let (half_length, along, log_peak) = match config.latent {
             Latent::Normal => (0.0, floored.along_variance.sqrt(), floored.log_density(floored.mean)),
             // Density across, times that of one place in a metre of wall.
-            Latent::Uniform => ((3.0 * cluster.along_variance).sqrt(), config.end_sigma, -(std::f64::consts::TAU.sqrt() * across).ln()),
+            Latent::Uniform => {
+                ((3.0 * cluster.along_variance).sqrt(), config.end_sigma, -(std::f64::consts::TAU.sqrt() * across).ln())
+            }
         };
         Self {
             mean: [mean.x as f32, mean.y as f32],

@@ -17,6 +17,9 @@ pub struct MergingConfig {
     pub max_across: f64,
     /// Map clusters that came to overlap become one, where the union is no thicker than `max_across`.
     pub consolidate: bool,
+    /// Nats that a map's log-weight loses with each cluster that it grows by: of two maps that explain the scans as
+    /// well, the one that needs fewer walls is likelier. Where a loop closes, that is the one that recognised them.
+    pub cluster_cost: f64,
     /// A cluster seen in fewer steps than this is clutter once `clutter_age` steps have passed; 0 keeps all.
     pub min_sightings: u32,
     /// Steps after which a cluster that was hardly ever seen is dropped.
@@ -37,9 +40,10 @@ impl Default for MergingConfig {
     fn default() -> Self {
         Self {
             method: MergingMethod::Moments,
-            min_points: 6.0,
-            max_across: 0.05,
+            min_points: 3.0,
+            max_across: 0.03,
             consolidate: true,
+            cluster_cost: 0.5,
             min_sightings: 3,
             clutter_age: 30,
         }
@@ -101,7 +105,9 @@ pub fn merge_scan(
         near.iter().map(|&(slot, entry)| Entry { slot: Some(slot), entry, state: State::Kept }).collect();
     for (cluster, matched) in scan.iter().zip(matches) {
         let merged = matched.map(|index| (index, merge(&entries[index].entry.cluster, cluster, config.method)));
-        if let Some((index, merged)) = merged && (!config.consolidate || merged.across_variance <= config.max_across.powi(2)) {
+        if let Some((index, merged)) = merged
+            && (!config.consolidate || merged.across_variance <= config.max_across.powi(2))
+        {
             let entry = &mut entries[index];
             entry.entry.cluster = merged;
             entry.entry.sightings += u32::from(entry.entry.last_step != step);
@@ -116,7 +122,8 @@ pub fn merge_scan(
         consolidate(&mut entries, matching, config);
     }
     for entry in &mut entries {
-        let forgotten = entry.entry.sightings < config.min_sightings && entry.entry.last_step + config.clutter_age < step;
+        let forgotten =
+            entry.entry.sightings < config.min_sightings && entry.entry.last_step + config.clutter_age < step;
         if forgotten && entry.state == State::Kept {
             entry.state = State::Gone;
         }
@@ -138,6 +145,21 @@ enum State {
     Kept,
     Changed,
     Gone,
+}
+
+/// A map whose clusters that have come to overlap are one (many steps after [`merge_scan`] looked at them).
+pub fn consolidated(map: &[Cluster], matching: &MatchingConfig, config: &MergingConfig) -> Vec<Cluster> {
+    let mut entries: Vec<Entry> = map
+        .iter()
+        .map(|&cluster| {
+            let entry = MapCluster { cluster, first_step: 0, last_step: 0, sightings: 0 };
+            Entry { slot: None, entry, state: State::Changed }
+        })
+        .collect();
+    if config.consolidate {
+        consolidate(&mut entries, matching, config);
+    }
+    entries.iter().filter(|e| e.state == State::Changed).map(|e| e.entry.cluster).collect()
 }
 
 /// Joins each changed cluster with what it has come to overlap, as long as the union is still a line.
