@@ -79,8 +79,8 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             seed: 1,
-            particles: 200,
-            maps: 200,
+            particles: 100,
+            maps: 100,
             scan: ScanConfig::default(),
             clustering: ClusteringConfig::default(),
             motion: MotionConfig::default(),
@@ -107,7 +107,7 @@ impl Config {
                 ..ClusteringConfig::default()
             },
             motion: MotionConfig::default(),
-            proposal: ProposalConfig { iterations: 0, tracking_starts: 0 },
+            proposal: ProposalConfig { iterations: 0, spread: 1.0, tracking_starts: 0 },
             likelihood: LikelihoodConfig {
                 latent: Latent::Normal,
                 sigma_floor: 0.01,

@@ -1,9 +1,18 @@
 //! The IPSLAM filter: Table I of the paper, one scan at a time.
+//!
+//! [`Slam::step`] is the table, in its order. Two things are done once for all particles and not once for each, and
+//! give the same: the scan is clustered in the robot's frame, because PPCA is equivariant under rigid motion; and
+//! particles of one ancestor share its clusters until they differ.
+//!
+//! Maps and poses are counted apart: a map hypothesis may have several pose particles, which are propagated and
+//! weighed, and of which one survives to have the scan merged into its map. `particles == maps` is the paper's filter.
+//!
+//! World's frame: the robot's pose at the first scan is the origin.
 
 use crate::clustering::cluster_points;
-use crate::config::Config;
+use crate::config::{Config, FilterConfig};
 use crate::evaluator::cpu::LocalMap;
-use crate::evaluator::layout::{ClusterParams, Tile, tiles};
+use crate::evaluator::layout::{LikelihoodConfig, Tile, tiles};
 use crate::filter::{Ancestry, effective_sample_size, normalised, resample};
 use crate::geometry::{Pose, StampedPose};
 use crate::io::{LaserReading, LogEntry};
@@ -11,11 +20,11 @@ use crate::map::merging::{MapChange, merge_scan};
 use crate::map::{Map, MapCluster, Pool, Slot};
 use crate::motion::Motion;
 use crate::ppca::Cluster;
-use crate::proposal::{Prior, Target, draw};
-use crate::random::{Draw, normals, uniform};
+use crate::proposal::{Mode, Prior, Surroundings, draw};
+use crate::random::{Draw, bits, normals, uniform};
 use crate::record::{ReportedParticle, RunResult, StageTimes, StepReport};
 use crate::scan::Scan;
-use nalgebra::{Cholesky, Matrix3, Point2, Vector3};
+use nalgebra::Matrix3;
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -36,10 +45,11 @@ struct Particle {
     hypothesis: usize,
     world_from_robot: Pose,
     log_weight: f64,
+    /// What the last weighing added to it.
     gain: f64,
 }
 
-/// Where a reading lies: relative to the best particle's pose at a step.
+/// Where a reading lies: relative to the pose of a step, 0 being the start.
 #[derive(Clone, Copy, Debug)]
 struct Reading {
     stamp: f64,
@@ -58,116 +68,119 @@ pub struct Slam {
     ancestry: Ancestry,
     readings: Vec<Reading>,
     steps: u32,
-    /// The motion since the last step: by odometry alone, and with the scans since.
+    /// The motion since the last step by odometry alone ...
     by_odometry: Motion,
+    /// ... and as the scans since then have corrected it.
     tracked: Motion,
-    last_odometry: Pose,
+    last_odometry: Option<Pose>,
     times: StageTimes,
-    pub log: Vec<f64>,
 }
 
 impl Slam {
-    /// A filter that has seen nothing.
+    /// A filter that has seen nothing. Table I, 2: all particles start at the origin of the world.
     pub fn new(config: Config) -> Self {
+        let mut ancestry = Ancestry::default();
+        let path = ancestry.extend(None, Pose::IDENTITY);
+        let start =
+            Hypothesis { map: Map::default(), world_from_robot: Pose::IDENTITY, log_weight: 0.0, score: 0.0, path };
         Self {
-            config,
-            hypotheses: Vec::new(),
+            hypotheses: vec![start; config.maps],
             best: 0,
             pool: Pool::default(),
-            ancestry: Ancestry::default(),
+            ancestry,
             readings: Vec::new(),
             steps: 0,
             by_odometry: Motion::none(),
             tracked: Motion::none(),
-            last_odometry: Pose::IDENTITY,
+            last_odometry: None,
             times: StageTimes::default(),
-            log: Vec::new(),
+            config,
         }
     }
 
-    /// Takes in the next entry of a log; reports where it led to a step.
+    /// Takes in the next entry of a log, in the order of the log; reports where it led to a step.
     pub fn add(&mut self, entry: &LogEntry, on_step: &mut dyn FnMut(&StepReport<'_>)) {
         match entry {
             LogEntry::Odometry { stamp, odom_from_robot } => {
-                let since = odom_from_robot.seen_from(self.last_odometry);
-                let step_from_robot = self.tracked.mean * since;
-                self.remember(*stamp, *odom_from_robot, step_from_robot);
+                let since = self.last_odometry.map_or(Pose::IDENTITY, |last| odom_from_robot.seen_from(last));
+                self.remember(*stamp, *odom_from_robot, self.tracked.mean * since);
             }
-            LogEntry::Laser(reading) => self.laser(reading, on_step),
+            LogEntry::Laser(reading) => self.add_laser(reading, on_step),
             LogEntry::Truth { .. } => {}
         }
     }
 
-    fn remember(&mut self, stamp: f64, odom_from_robot: Pose, step_from_robot: Pose) {
-        let step = self.steps.saturating_sub(1);
-        self.readings.push(Reading { stamp, odom_from_robot, step, step_from_robot });
-    }
-
-    fn laser(&mut self, reading: &LaserReading, on_step: &mut dyn FnMut(&StepReport<'_>)) {
+    /// Follows the robot; takes a step where it has moved far enough, and at the first scan.
+    fn add_laser(&mut self, reading: &LaserReading, on_step: &mut dyn FnMut(&StepReport<'_>)) {
         let scan = Scan::from_reading(reading, self.config.scan.min_range, self.config.scan.max_range);
         let tiles = tiles(&scan.points, self.config.likelihood.max_points);
         if self.steps == 0 {
-            self.last_odometry = reading.odom_from_robot;
-            self.begin();
-        } else {
-            let began = Instant::now();
-            self.track(reading.odom_from_robot, &tiles);
-            self.times.track += began.elapsed().as_secs_f64();
-            let moved = self.tracked.mean;
-            let filter = &self.config.filter;
-            if moved.x.hypot(moved.y) < filter.step_distance && moved.heading.abs() < filter.step_turn {
-                self.remember(reading.stamp, reading.odom_from_robot, moved);
-                return;
-            }
+            self.place_first_readings(reading.odom_from_robot);
         }
-        self.step(&scan, &tiles, reading, on_step);
-        self.remember(reading.stamp, reading.odom_from_robot, Pose::IDENTITY);
+        let began = Instant::now();
+        self.track(reading.odom_from_robot, &tiles);
+        self.times.track += began.elapsed().as_secs_f64();
+        let FilterConfig { step_distance, step_turn, .. } = self.config.filter;
+        let moved = self.tracked.mean;
+        if self.steps > 0 && moved.x.hypot(moved.y) < step_distance && moved.heading.abs() < step_turn {
+            self.remember(reading.stamp, reading.odom_from_robot, moved);
+        } else {
+            self.step(&scan, &tiles, reading.odom_from_robot, on_step);
+            self.remember(reading.stamp, reading.odom_from_robot, Pose::IDENTITY);
+        }
     }
 
-    /// Table I, 2: all particles start at the origin of the world.
-    fn begin(&mut self) {
-        let path = self.ancestry.extend(None, Pose::IDENTITY);
-        let hypothesis =
-            Hypothesis { map: Map::default(), world_from_robot: Pose::IDENTITY, log_weight: 0.0, score: 0.0, path };
-        self.hypotheses = vec![hypothesis; self.config.maps];
+    /// Readings before the first scan are where odometry puts them, seen from it.
+    fn place_first_readings(&mut self, odom_from_first_scan: Pose) {
+        for reading in &mut self.readings {
+            reading.step_from_robot = reading.odom_from_robot.seen_from(odom_from_first_scan);
+        }
+    }
+
+    fn remember(&mut self, stamp: f64, odom_from_robot: Pose, step_from_robot: Pose) {
+        self.readings.push(Reading { stamp, odom_from_robot, step: self.steps, step_from_robot });
     }
 
     /// Table I, 6: one step of the filter.
-    fn step(&mut self, scan: &Scan, tiles: &[Tile], reading: &LaserReading, on_step: &mut dyn FnMut(&StepReport<'_>)) {
-        let mut clock = Instant::now();
-        let mut lap = |stage: &mut f64| {
-            *stage += clock.elapsed().as_secs_f64();
-            clock = Instant::now();
-        };
-        let clusters = cluster_points(&scan.points, &self.config.clustering).clusters;
-        lap(&mut self.times.cluster);
-        let particles = self.propose(tiles);
-        lap(&mut self.times.refine);
-        let weights = normalised(&particles.iter().map(|p| p.log_weight).collect::<Vec<_>>());
-        let reported: Vec<_> = particles
+    fn step(&mut self, scan: &Scan, tiles: &[Tile], odom_from_robot: Pose, on_step: &mut dyn FnMut(&StepReport<'_>)) {
+        let mut times = std::mem::take(&mut self.times);
+        // 6c-i. The same for all particles, whatever their poses.
+        let clusters = timed(&mut times.cluster, || cluster_points(&scan.points, &self.config.clustering).clusters);
+        // 6a
+        let mut particles = timed(&mut times.propagate, || self.propagate(tiles));
+        if self.config.filter.weigh_merged_map {
+            // 6c-ii to v, for every particle
+            self.move_maps(&particles);
+            timed(&mut times.merge, || self.merge(&clusters));
+        }
+        // 6c-vi
+        timed(&mut times.weigh, || self.weigh(&mut particles, tiles));
+        let weights = normalised(&particles.iter().map(|particle| particle.log_weight).collect::<Vec<_>>());
+        // 6d
+        let resampled = timed(&mut times.resample, || self.resample(&particles, &weights));
+        if !self.config.filter.weigh_merged_map {
+            // 6c-ii to v, for the survivors alone
+            timed(&mut times.merge, || self.merge(&clusters));
+        }
+
+        let reported: Vec<ReportedParticle> = particles
             .iter()
             .zip(&weights)
-            .map(|(p, &weight)| ReportedParticle { world_from_robot: p.world_from_robot, weight })
+            .map(|(particle, &weight)| ReportedParticle { world_from_robot: particle.world_from_robot, weight })
             .collect();
-        let ess = effective_sample_size(&weights);
-        let resampled = self.select(&particles, &weights);
-        lap(&mut self.times.resample);
-        self.merge(&clusters);
-        lap(&mut self.times.merge);
-
-        let map = self.best_map();
+        let best = &self.hypotheses[self.best];
         on_step(&StepReport {
             step: self.steps,
             stamp: scan.stamp,
             scan,
             scan_clusters: &clusters,
-            odom_from_robot: reading.odom_from_robot,
-            world_from_robot: self.hypotheses[self.best].world_from_robot,
+            odom_from_robot,
+            world_from_robot: best.world_from_robot,
             particles: &reported,
-            map: &map,
-            effective_sample_size: ess,
+            map: &self.clusters_of(best),
+            effective_sample_size: effective_sample_size(&weights),
             resampled,
-            times: std::mem::take(&mut self.times),
+            times,
         });
         self.steps += 1;
         self.by_odometry = Motion::none();
@@ -176,202 +189,186 @@ impl Slam {
 
     /// Follows the robot from scan to scan in the best map: odometry, corrected by matching the scan.
     fn track(&mut self, odom_from_robot: Pose, tiles: &[Tile]) {
-        let increment = Motion::from_odometry(self.last_odometry, odom_from_robot, &self.config.motion);
-        self.last_odometry = odom_from_robot;
-        self.by_odometry = self.by_odometry.then(&increment);
-        let predicted = self.tracked.then(&increment);
-        self.tracked = predicted;
-        let (Some(information), Some(spread)) =
-            (predicted.covariance.try_inverse(), Cholesky::new(predicted.covariance))
-        else {
+        let last_odometry = self.last_odometry.replace(odom_from_robot).unwrap_or(odom_from_robot);
+        let since = Motion::from_odometry(last_odometry, odom_from_robot, &self.config.motion);
+        self.by_odometry = self.by_odometry.then(&since);
+        self.tracked = self.tracked.then(&since);
+        let starts = self.config.proposal.tracking_starts;
+        let Some(information) = self.tracked.covariance.try_inverse().filter(|_| starts > 0 && self.steps > 0) else {
             return;
         };
-        if self.config.proposal.tracking_starts == 0 {
-            return;
-        }
-        let best = &self.hypotheses[self.best];
-        let centre = best.world_from_robot * predicted.mean;
-        let origin = Point2::new(centre.x.round(), centre.y.round());
-        let map = self.local_map(&best.map, origin, centre, tiles, &self.config.likelihood);
-        let wide = self.local_map(&best.map, origin, centre, tiles, &self.config.likelihood.capturing());
-        let coarse = Target { map: &wide, tiles, origin };
-        let target = Target { map: &map, tiles, origin };
-        let prior = Prior { world_from_robot: centre, information };
-        let count = self.readings.len() as u32;
-        let mode = (0..self.config.proposal.tracking_starts)
+        let hypothesis = &self.hypotheses[self.best];
+        let expected = hypothesis.world_from_robot * self.tracked.mean;
+        let prior = Prior { world_from_robot: expected, information };
+        let surroundings = self.surroundings(&hypothesis.map, expected, tiles);
+        let (seed, reading) = (self.config.seed, self.readings.len() as u32);
+        let modes: Vec<Mode> = (0..starts)
             .into_par_iter()
             .map(|start| {
-                let noise = normals(self.config.seed, count, start, Draw::Tracking);
-                let noise = if start == 0 {
-                    Vector3::zeros()
-                } else {
-                    Vector3::new(noise[0], noise[1], noise[2]).map(f64::from)
-                };
-                let off = spread.l() * noise;
-                let found =
-                    coarse.climb(centre * Pose::new(off.x, off.y, off.z), &prior, self.config.proposal.iterations / 2);
-                target.climb(found.world_from_robot, &prior, self.config.proposal.iterations)
+                // The first start is where odometry says.
+                let noise = if start == 0 { [0.0; 4] } else { normals(seed, reading, start, Draw::Tracking) };
+                surroundings.climb(expected * self.tracked.noise(noise), &prior, tiles, self.config.proposal.iterations)
             })
-            .collect::<Vec<_>>()
-            .into_iter()
-            .reduce(|a, b| if b.log_posterior > a.log_posterior { b } else { a });
-        if let Some(mode) = mode {
-            self.tracked.mean = mode.world_from_robot.seen_from(best.world_from_robot);
-            if let Some(covariance) = mode.information.try_inverse() {
-                self.tracked.covariance = covariance;
-            }
+            .collect();
+        if let Some(mode) = modes.into_iter().reduce(|a, b| if b.log_posterior > a.log_posterior { b } else { a }) {
+            self.tracked.mean = mode.world_from_robot.seen_from(hypothesis.world_from_robot);
+            self.tracked.covariance = mode.information.try_inverse().unwrap_or(self.tracked.covariance);
         }
     }
 
-    /// Table I, 6a and 6c-vi: draws a pose for every particle and weighs it.
-    fn propose(&self, tiles: &[Tile]) -> Vec<Particle> {
-        let likelihood = &self.config.likelihood;
-        let first = self.steps == 0;
-        let spread = Cholesky::new(self.tracked.covariance).map_or_else(Matrix3::zeros, |c| c.l());
+    /// Table I, 6a: draws a pose for every particle, from the motion (eq. 17) and, unless it is switched off, from
+    /// where the scan then matches the particle's own map.
+    fn propagate(&self, tiles: &[Tile]) -> Vec<Particle> {
+        let (config, step) = (&self.config, self.steps);
+        let poses_a_map = config.particles / config.maps;
         let information = self.by_odometry.covariance.try_inverse().unwrap_or_else(Matrix3::zeros);
-        let each = self.config.particles / self.config.maps;
-        (0..self.hypotheses.len() * each)
-            .into_par_iter()
-            .map(|index| {
-                let hypothesis = index / each;
-                let from = &self.hypotheses[hypothesis];
-                let mut particle = Particle {
-                    hypothesis,
-                    world_from_robot: from.world_from_robot,
-                    log_weight: from.log_weight - (each as f64).ln(),
-                    gain: 0.0,
-                };
-                if first {
-                    return particle;
-                }
-                let random = |d| {
-                    let n = normals(self.config.seed, self.steps, index as u32, d);
-                    Vector3::new(n[0], n[1], n[2]).map(f64::from)
-                };
-                let off = spread * random(Draw::Motion);
-                let start = from.world_from_robot * self.tracked.mean * Pose::new(off.x, off.y, off.z);
-                let origin = Point2::new(start.x.round(), start.y.round());
-                let map = self.local_map(&from.map, origin, start, tiles, likelihood);
-                let wide = self.local_map(&from.map, origin, start, tiles, &likelihood.capturing());
-                let coarse = Target { map: &wide, tiles, origin };
-                let target = Target { map: &map, tiles, origin };
+        let draw_pose = |index: usize| {
+            let hypothesis = index / poses_a_map;
+            let from = &self.hypotheses[hypothesis];
+            let random = |draw| normals(config.seed, step, index as u32, draw);
+            let mut world_from_robot =
+                from.world_from_robot * self.tracked.mean * self.tracked.noise(random(Draw::Motion));
+            if config.proposal.iterations > 0 && step > 0 {
                 let prior = Prior { world_from_robot: from.world_from_robot * self.by_odometry.mean, information };
-                let start = coarse.climb(start, &prior, self.config.proposal.iterations / 2).world_from_robot;
-                let mode = target.climb(start, &prior, self.config.proposal.iterations);
-                let (pose, log_proposal) = draw(&mode, likelihood.temper, random(Draw::Proposal));
-                particle.world_from_robot = pose;
-                particle.gain = likelihood.temper * target.log_posterior(pose, &prior) - log_proposal;
-                particle.log_weight += particle.gain;
-                particle
-            })
-            .collect()
+                let mode = self.surroundings(&from.map, world_from_robot, tiles).climb(
+                    world_from_robot,
+                    &prior,
+                    tiles,
+                    config.proposal.iterations,
+                );
+                world_from_robot = draw(&mode, config.proposal.spread, random(Draw::Proposal));
+            }
+            // The poses of a map share its weight.
+            let log_weight = from.log_weight - (poses_a_map as f64).ln();
+            Particle { hypothesis, world_from_robot, log_weight, gain: 0.0 }
+        };
+        (0..config.particles).into_par_iter().map(draw_pose).collect()
     }
 
-    /// Table I, 6d: as many survivors as there are maps. Returns whether maps were resampled.
-    fn select(&mut self, particles: &[Particle], weights: &[f64]) -> bool {
-        let each = particles.len() / self.hypotheses.len();
-        let offset = |k: usize| {
-            f64::from(uniform(crate::random::bits(self.config.seed, self.steps, k as u32, Draw::Resample)[0]))
-        };
-        // Each map keeps one of its poses, drawn by weight, and the weight of all of them.
-        let chosen: Vec<usize> = (0..self.hypotheses.len())
-            .map(|h| h * each + resample(&weights[h * each..(h + 1) * each], 1, offset(h + 1))[0])
-            .collect();
-        let map_weights: Vec<f64> = weights.chunks(each).map(|w| w.iter().sum()).collect();
-        let resampled =
-            effective_sample_size(&map_weights) < self.config.filter.resample_below * map_weights.len() as f64;
-        let survivors = if resampled {
-            resample(&map_weights, self.config.maps, offset(0))
-        } else {
-            (0..self.hypotheses.len()).collect()
-        };
+    /// Table I, 6c-vi: eq. 18 for every particle, tempered.
+    fn weigh(&self, particles: &mut [Particle], tiles: &[Tile]) {
+        let likelihood = &self.config.likelihood;
+        particles.par_iter_mut().for_each(|particle| {
+            let map = &self.hypotheses[particle.hypothesis].map;
+            let local = self.local_map(map, particle.world_from_robot, tiles, likelihood);
+            particle.gain = likelihood.temper * local.log_likelihood(particle.world_from_robot, tiles);
+            particle.log_weight += particle.gain;
+        });
+    }
+
+    /// Table I, 6d: each map keeps one of its poses; maps are drawn anew where too few of them carry the weight.
+    /// Returns whether they were.
+    fn resample(&mut self, particles: &[Particle], weights: &[f64]) -> bool {
+        let (maps, poses_a_map) = (self.hypotheses.len(), particles.len() / self.hypotheses.len());
+        let offset =
+            |number: usize| f64::from(uniform(bits(self.config.seed, self.steps, number as u32, Draw::Resample)[0]));
+        let map_weights: Vec<f64> = weights.chunks(poses_a_map).map(|weights| weights.iter().sum()).collect();
+        let resampled = effective_sample_size(&map_weights) < self.config.filter.resample_below * maps as f64
+            || self.config.filter.resample_below >= 1.0;
+        let survivors = if resampled { resample(&map_weights, maps, offset(maps)) } else { (0..maps).collect() };
         self.hypotheses = survivors
             .into_iter()
-            .map(|h| {
-                let (from, particle) = (&self.hypotheses[h], &particles[chosen[h]]);
+            .enumerate()
+            .map(|(number, survivor)| {
+                let poses = survivor * poses_a_map..(survivor + 1) * poses_a_map;
+                let drawn = resample(&weights[poses.clone()], 1, offset(number)).first().copied().unwrap_or(0);
+                let (from, particle) = (&self.hypotheses[survivor], &particles[poses.start + drawn]);
                 Hypothesis {
                     map: from.map.clone(),
                     world_from_robot: particle.world_from_robot,
-                    log_weight: if resampled { 0.0 } else { map_weights[h].ln() },
+                    log_weight: if resampled { 0.0 } else { map_weights[survivor].ln() },
                     score: from.score + particle.gain,
                     path: self.ancestry.extend(Some(from.path), particle.world_from_robot),
                 }
             })
             .collect();
-        self.best = (0..self.hypotheses.len())
-            .max_by(|&a, &b| self.hypotheses[a].score.total_cmp(&self.hypotheses[b].score))
-            .unwrap_or(0);
-        let mut ends: Vec<u32> = self.hypotheses.iter().map(|h| h.path).collect();
+        let mut ends: Vec<u32> = self.hypotheses.iter().map(|hypothesis| hypothesis.path).collect();
         self.ancestry.compact(&mut ends);
-        self.hypotheses.iter_mut().zip(ends).for_each(|(h, end)| h.path = end);
+        self.hypotheses.iter_mut().zip(ends).for_each(|(hypothesis, end)| hypothesis.path = end);
+        self.best =
+            (0..maps).max_by(|&a, &b| self.hypotheses[a].score.total_cmp(&self.hypotheses[b].score)).unwrap_or(0);
         resampled
     }
 
-    /// Table I, 6c-ii to v: merges the scan's clusters into every map.
+    /// Moves the robot of each map to where its one particle is, so that the scan can be merged before the weighing.
+    fn move_maps(&mut self, particles: &[Particle]) {
+        for (hypothesis, particle) in self.hypotheses.iter_mut().zip(particles) {
+            hypothesis.world_from_robot = particle.world_from_robot;
+        }
+    }
+
+    /// Table I, 6c-ii to v: merges the scan's clusters, given in the robot's frame, into every map.
     fn merge(&mut self, clusters: &[Cluster]) {
-        let reach = clusters.iter().map(|c| c.mean.coords.norm() + c.length()).fold(0.0, f64::max) + 2.0;
-        let changes: Vec<MapChange> = self
-            .hypotheses
-            .par_iter()
-            .map(|hypothesis| {
-                let pose = hypothesis.world_from_robot;
-                let near: Vec<(Slot, MapCluster)> = self
-                    .pool
-                    .clusters_of(&hypothesis.map)
-                    .filter(|(_, c)| (c.cluster.mean - pose.position()).norm() < reach + 0.5 * c.cluster.length())
-                    .map(|(slot, c)| (slot, *c))
-                    .collect();
-                let scan: Vec<Cluster> = clusters.iter().map(|c| c.transformed(pose)).collect();
-                merge_scan(&near, &scan, self.steps, &self.config.matching, &self.config.merging)
-            })
-            .collect();
+        let Config { matching, merging, likelihood, .. } = &self.config;
+        let reach = clusters.iter().map(|c| c.mean.coords.norm() + c.length()).fold(0.0, f64::max) + MARGIN;
+        let change = |hypothesis: &Hypothesis| {
+            let pose = hypothesis.world_from_robot;
+            let near: Vec<(Slot, MapCluster)> = self
+                .pool
+                .clusters_of(&hypothesis.map)
+                .filter(|(_, entry)| is_near(&entry.cluster, pose, reach))
+                .map(|(slot, entry)| (slot, *entry))
+                .collect();
+            let clusters_in_world: Vec<Cluster> = clusters.iter().map(|cluster| cluster.transformed(pose)).collect();
+            merge_scan(&near, &clusters_in_world, self.steps, matching, merging)
+        };
+        let changes: Vec<MapChange> = self.hypotheses.par_iter().map(change).collect();
         for (hypothesis, change) in self.hypotheses.iter_mut().zip(changes) {
             let growth = change.added.len() as f64 - change.removed.len() as f64;
-            hypothesis.log_weight -= self.config.merging.cluster_cost * growth;
-            hypothesis.score -= self.config.merging.cluster_cost * growth;
+            let cost = likelihood.temper * merging.cluster_cost * growth;
+            hypothesis.log_weight -= cost;
+            hypothesis.score -= cost;
             hypothesis.map.slots.retain(|slot| !change.removed.contains(slot));
-            hypothesis.map.slots.extend(change.added.into_iter().map(|cluster| self.pool.insert(cluster)));
+            hypothesis.map.slots.extend(change.added.into_iter().map(|entry| self.pool.insert(entry)));
         }
-        if self.steps % 8 == 0 {
-            self.pool.keep_only(self.hypotheses.iter().map(|h| &h.map));
+        self.pool.keep_only(self.hypotheses.iter().map(|hypothesis| &hypothesis.map));
+    }
+
+    /// The part of a map that a scan can meet from a pose.
+    fn local_map(&self, map: &Map, robot: Pose, tiles: &[Tile], likelihood: &LikelihoodConfig) -> LocalMap {
+        let reach = tiles.iter().map(Tile::reach).fold(0.0, f64::max) + MARGIN;
+        let near = self.pool.clusters_of(map).map(|(_, entry)| &entry.cluster).filter(|c| is_near(c, robot, reach));
+        LocalMap::new(near, robot, likelihood)
+    }
+
+    /// The same, for climbing.
+    fn surroundings(&self, map: &Map, robot: Pose, tiles: &[Tile]) -> Surroundings {
+        let likelihood = &self.config.likelihood;
+        Surroundings {
+            fine: self.local_map(map, robot, tiles, likelihood),
+            coarse: self.local_map(map, robot, tiles, &likelihood.capturing()),
         }
     }
 
-    fn local_map(
-        &self,
-        map: &Map,
-        origin: Point2<f64>,
-        robot: Pose,
-        tiles: &[Tile],
-        likelihood: &crate::evaluator::layout::LikelihoodConfig,
-    ) -> LocalMap {
-        let reach =
-            tiles.iter().map(|t| f64::from(t.centre[0].hypot(t.centre[1]) + t.radius)).fold(0.0, f64::max) + 1.0;
-        LocalMap::new(
-            self.pool
-                .clusters_of(map)
-                .map(|(_, c)| &c.cluster)
-                .filter(|c| (c.mean - robot.position()).norm() < reach + 0.5 * c.length())
-                .map(|c| ClusterParams::new(c, origin, likelihood)),
-            likelihood.log_outlier(),
-        )
+    fn clusters_of(&self, hypothesis: &Hypothesis) -> Vec<Cluster> {
+        self.pool.clusters_of(&hypothesis.map).map(|(_, entry)| entry.cluster).collect()
     }
 
-    fn best_map(&self) -> Vec<Cluster> {
-        self.hypotheses
-            .get(self.best)
-            .map(|h| self.pool.clusters_of(&h.map).map(|(_, c)| c.cluster).collect())
-            .unwrap_or_default()
-    }
-
-    /// The best particle's whole path and map.
+    /// The best particle's map and whole path.
     pub fn finish(&self) -> RunResult {
-        let path = self.hypotheses.get(self.best).map(|h| self.ancestry.path(h.path)).unwrap_or_default();
-        let pose = |r: &Reading| path.get(r.step as usize + 1).map_or(r.step_from_robot, |&p| p * r.step_from_robot);
+        let best = &self.hypotheses[self.best];
+        // Node 0 of a path is the start; readings before the first scan are placed by it.
+        let path = self.ancestry.path(best.path);
+        let stamped = |reading: &Reading, pose: Pose| StampedPose { stamp: reading.stamp, pose };
         RunResult {
-            map: self.best_map(),
-            trajectory: self.readings.iter().map(|r| StampedPose { stamp: r.stamp, pose: pose(r) }).collect(),
-            odometry: self.readings.iter().map(|r| StampedPose { stamp: r.stamp, pose: r.odom_from_robot }).collect(),
+            map: self.clusters_of(best),
+            trajectory: self.readings.iter().map(|r| stamped(r, path[r.step as usize] * r.step_from_robot)).collect(),
+            odometry: self.readings.iter().map(|r| stamped(r, r.odom_from_robot)).collect(),
         }
     }
+}
+
+/// Clusters further from the robot than its scan reaches, and this much [m] more, are left aside.
+const MARGIN: f64 = 2.0;
+
+fn is_near(cluster: &Cluster, robot: Pose, reach: f64) -> bool {
+    (cluster.mean - robot.position()).norm() < reach + 0.5 * cluster.length()
+}
+
+/// Does some work and adds the seconds that it took.
+fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
+    let began = Instant::now();
+    let result = work();
+    *seconds += began.elapsed().as_secs_f64();
+    result
 }

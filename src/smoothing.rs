@@ -10,12 +10,12 @@
 
 use crate::config::Config;
 use crate::evaluator::cpu::LocalMap;
-use crate::evaluator::layout::{ClusterParams, LocalPose, Tile, tiles};
+use crate::evaluator::layout::tiles;
 use crate::geometry::Pose;
 use crate::io::{LogEntry, LogError, LogSource};
 use crate::map::merging::consolidated;
 use crate::ppca::{Cluster, Moments};
-use crate::proposal::{Prior, Target};
+use crate::proposal::{Prior, climb};
 use crate::record::RunResult;
 use crate::scan::Scan;
 use nalgebra::{Matrix3, Point2, Vector3};
@@ -32,15 +32,14 @@ pub struct SmoothingConfig {
     pub position: f64,
     /// ... and in heading [rad].
     pub heading: f64,
-    /// A cluster stays in the map only if it explains this share of all measured points best ...
-    pub min_share: f64,
-    /// ... and was seen by this many scans.
-    pub min_scans: u32,
+    /// The map is the smallest set of clusters that explains this share of what all clusters explain; the rest is
+    /// clutter, seen in passing.
+    pub keep_explained: f64,
 }
 
 impl Default for SmoothingConfig {
     fn default() -> Self {
-        Self { passes: 4, position: 0.03, heading: 0.01, min_share: 3e-4, min_scans: 5 }
+        Self { passes: 3, position: 0.03, heading: 0.01, keep_explained: 0.95 }
     }
 }
 
@@ -58,17 +57,10 @@ pub fn smooth(source: &dyn LogSource, result: &mut RunResult, config: &Config) -
     Ok(())
 }
 
-/// What a cluster explains best: points, and the number of scans that they are from.
-#[derive(Clone, Copy, Debug, Default)]
-struct Support {
-    moments: Moments,
-    scans: u32,
-}
-
 /// Moves every scan to where the map wants it, and gathers what each cluster then explains.
-fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Config) -> Result<Vec<Support>, LogError> {
+fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Config) -> Result<Vec<Moments>, LogError> {
     let before: Vec<Pose> = result.trajectory.iter().map(|stamped| stamped.pose).collect();
-    let mut support = vec![Support::default(); result.map.len()];
+    let mut support = vec![Moments::default(); result.map.len()];
     let mut is_laser = vec![false; before.len()];
     let mut batch: Vec<(usize, Scan)> = Vec::with_capacity(BATCH);
     let mut place = |batch: &mut Vec<(usize, Scan)>, result: &mut RunResult| {
@@ -78,7 +70,7 @@ fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Config) 
         for ((index, _), placed) in batch.drain(..).zip(placed) {
             result.trajectory[index].pose = placed.world_from_robot;
             is_laser[index] = true;
-            placed.add_to(&mut support);
+            placed.explained.into_iter().for_each(|(cluster, point)| support[cluster].add(point, 1.0));
         }
     };
     let entries = source.open()?.filter(|entry| !matches!(entry, Ok(LogEntry::Truth { .. })));
@@ -110,36 +102,20 @@ struct Placed {
     explained: Vec<(usize, Point2<f64>)>,
 }
 
-impl Placed {
-    fn add_to(&self, support: &mut [Support]) {
-        let mut seen: Vec<usize> = self.explained.iter().map(|&(cluster, _)| cluster).collect();
-        seen.sort_unstable();
-        seen.dedup();
-        seen.into_iter().for_each(|cluster| support[cluster].scans += 1);
-        for &(cluster, point) in &self.explained {
-            support[cluster].moments.add(point, 1.0);
-        }
-    }
-}
-
 fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Config) -> Placed {
     let tiles = tiles(&scan.points, usize::MAX);
     let reach = scan.points.iter().map(|p| p.coords.norm()).fold(0.0, f64::max) + 1.0;
     let near: Vec<usize> =
         (0..map.len()).filter(|&i| (map[i].mean - guess.position()).norm() < reach + 0.5 * map[i].length()).collect();
-    let origin = Point2::new(guess.x.round(), guess.y.round());
-    let likelihood = &config.likelihood;
-    let local =
-        LocalMap::new(near.iter().map(|&i| ClusterParams::new(&map[i], origin, likelihood)), likelihood.log_outlier());
+    let local = LocalMap::new(near.iter().map(|&i| &map[i]), guess, &config.likelihood);
     let (position, heading) = (config.smoothing.position.powi(-2), config.smoothing.heading.powi(-2));
     let prior = Prior {
         world_from_robot: guess,
         information: Matrix3::from_diagonal(&Vector3::new(position, position, heading)),
     };
-    let target = Target { map: &local, tiles: &tiles, origin };
-    let world_from_robot = target.climb(guess, &prior, ITERATIONS).world_from_robot;
+    let world_from_robot = climb(&local, guess, &prior, &tiles, ITERATIONS).world_from_robot;
     let explained = local
-        .explain(LocalPose::new(world_from_robot, origin), &tiles)
+        .explain(world_from_robot, &tiles)
         .into_iter()
         .zip(&scan.points)
         .filter_map(|(cluster, &point)| Some((near[cluster?], world_from_robot * point)))
@@ -148,13 +124,22 @@ fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Config) -> Pla
 }
 
 /// Fits every cluster to what it explains, joins those that have come to be one wall, and in the end drops clutter.
-fn refit(map: &mut Vec<Cluster>, support: &[Support], config: &Config, last: bool) {
-    let measured: f64 = support.iter().map(|s| s.moments.count).sum();
-    let needed = if last { config.smoothing.min_share * measured } else { 0.0 };
-    let fitted: Vec<Cluster> = support
-        .iter()
-        .filter(|s| s.moments.count >= needed && (!last || s.scans >= config.smoothing.min_scans))
-        .filter_map(|s| s.moments.fit())
-        .collect();
+fn refit(map: &mut Vec<Cluster>, support: &[Moments], config: &Config, last: bool) {
+    let fitted: Vec<Cluster> = support.iter().filter_map(Moments::fit).collect();
     *map = consolidated(&fitted, &config.matching, &config.merging);
+    if last {
+        drop_clutter(map, config.smoothing.keep_explained);
+    }
+}
+
+/// Keeps the fewest clusters that explain this share of the points that all explain. The order stays.
+fn drop_clutter(map: &mut Vec<Cluster>, share: f64) {
+    let mut counts: Vec<f64> = map.iter().map(|cluster| cluster.count).collect();
+    counts.sort_by(|a, b| b.total_cmp(a));
+    let mut left = share * counts.iter().sum::<f64>();
+    let fewest = counts.into_iter().find(|count| {
+        left -= count;
+        left <= 0.0
+    });
+    map.retain(|cluster| fewest.is_none_or(|fewest| cluster.count >= fewest));
 }

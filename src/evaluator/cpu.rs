@@ -1,11 +1,14 @@
 //! The evaluator on the CPU.
 
-use super::layout::{ClusterParams, LocalPose, TILE, Tile};
-use nalgebra::{Matrix3, Vector3};
+use super::layout::{ClusterParams, LikelihoodConfig, LocalPose, TILE, Tile};
+use crate::geometry::Pose;
+use crate::ppca::Cluster;
+use nalgebra::{Matrix3, Point2, Vector3};
 
 /// The clusters of one map near the robot, ready to be looked through.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct LocalMap {
+    origin: Point2<f64>,
     clusters: Vec<ClusterParams>,
     /// Centre and half size of each cluster's support box.
     boxes: Vec<[f32; 4]>,
@@ -21,8 +24,6 @@ pub struct Evaluation {
     pub gradient: [f32; 3],
     /// Its negative Hessian, in the Gauss-Newton approximation: xx, xy, xh, yy, yh, hh.
     pub information: [f32; 6],
-    /// Points that some cluster explains.
-    pub explained: u32,
 }
 
 impl Evaluation {
@@ -39,9 +40,15 @@ impl Evaluation {
 }
 
 impl LocalMap {
-    /// A map of these clusters; points below `log_outlier` are outliers.
-    pub fn new(clusters: impl IntoIterator<Item = ClusterParams>, log_outlier: f32) -> Self {
-        let clusters: Vec<_> = clusters.into_iter().collect();
+    /// A map of these clusters of the world, in a frame near the robot.
+    pub fn new<'a>(
+        clusters: impl IntoIterator<Item = &'a Cluster>,
+        robot: Pose,
+        likelihood: &LikelihoodConfig,
+    ) -> Self {
+        let origin = Point2::new(robot.x.round(), robot.y.round());
+        let log_outlier = likelihood.log_outlier();
+        let clusters: Vec<_> = clusters.into_iter().map(|c| ClusterParams::new(c, origin, likelihood)).collect();
         let boxes = clusters
             .iter()
             .map(|cluster| {
@@ -49,29 +56,28 @@ impl LocalMap {
                 [cluster.mean[0], cluster.mean[1], width, height]
             })
             .collect();
-        Self { clusters, boxes, log_outlier }
+        Self { origin, clusters, boxes, log_outlier }
     }
 
     /// Σ max ln p over all points (eq. 18).
-    pub fn weigh(&self, pose: LocalPose, tiles: &[Tile]) -> f32 {
+    pub fn log_likelihood(&self, world_from_robot: Pose, tiles: &[Tile]) -> f64 {
         let mut sum = 0.0;
-        self.look(pose, tiles, |tile, best, _, _, _| {
+        self.look(world_from_robot, tiles, |tile, best, _, _, _| {
             sum += best.iter().take(tile.count as usize).sum::<f32>();
         });
-        sum
+        f64::from(sum)
     }
 
     /// The same with its gradient and Gauss-Newton Hessian.
-    pub fn linearise(&self, pose: LocalPose, tiles: &[Tile]) -> Evaluation {
+    pub fn linearise(&self, world_from_robot: Pose, tiles: &[Tile]) -> Evaluation {
         let mut out = Evaluation::default();
-        let (sin, cos) = pose.heading.sin_cos();
-        self.look(pose, tiles, |tile, best, index, x, y| {
+        let (sin, cos) = (world_from_robot.heading as f32).sin_cos();
+        self.look(world_from_robot, tiles, |tile, best, index, x, y| {
             for lane in 0..tile.count as usize {
                 out.log_likelihood += best[lane];
                 if index[lane] == u32::MAX {
                     continue;
                 }
-                out.explained += 1;
                 let cluster = &self.clusters[index[lane] as usize];
                 let (dx, dy) = (x[lane] - cluster.mean[0], y[lane] - cluster.mean[1]);
                 let [ux, uy] = cluster.direction;
@@ -90,9 +96,9 @@ impl LocalMap {
     }
 
     /// For each point its most likely cluster, by the order in which the clusters were given; `None` for an outlier.
-    pub fn explain(&self, pose: LocalPose, tiles: &[Tile]) -> Vec<Option<usize>> {
+    pub fn explain(&self, world_from_robot: Pose, tiles: &[Tile]) -> Vec<Option<usize>> {
         let mut out = Vec::with_capacity(tiles.len() * TILE);
-        self.look(pose, tiles, |tile, _, index, _, _| {
+        self.look(world_from_robot, tiles, |tile, _, index, _, _| {
             out.extend(index.iter().take(tile.count as usize).map(|&i| (i != u32::MAX).then_some(i as usize)));
         });
         out
@@ -102,10 +108,11 @@ impl LocalMap {
     /// and the points in the map's frame.
     fn look(
         &self,
-        pose: LocalPose,
+        world_from_robot: Pose,
         tiles: &[Tile],
         mut each: impl FnMut(&Tile, &[f32; TILE], &[u32; TILE], &[f32; TILE], &[f32; TILE]),
     ) {
+        let pose = LocalPose::new(world_from_robot, self.origin);
         let (sin, cos) = pose.heading.sin_cos();
         for tile in tiles {
             let [cx, cy] = tile.centre;

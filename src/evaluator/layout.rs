@@ -45,7 +45,7 @@ impl Default for LikelihoodConfig {
             capture_sigma: 0.1,
             end_sigma: 0.1,
             outlier_density: 0.01,
-            temper: 0.2,
+            temper: 0.05,
             max_points: 180,
         }
     }
@@ -135,11 +135,6 @@ impl LocalPose {
             heading: world_from_robot.heading as f32,
         }
     }
-
-    /// Back to the world.
-    pub fn in_world(self, origin: Point2<f64>) -> Pose {
-        Pose::new(origin.x + f64::from(self.x), origin.y + f64::from(self.y), f64::from(self.heading))
-    }
 }
 
 /// Points a tile: what one look for candidate clusters serves.
@@ -159,6 +154,13 @@ pub struct Tile {
     pub centre: [f32; 2],
     /// Its radius [m].
     pub radius: f32,
+}
+
+impl Tile {
+    /// No point of it is further from the robot [m].
+    pub fn reach(&self) -> f64 {
+        f64::from(self.centre[0].hypot(self.centre[1]) + self.radius)
+    }
 }
 
 /// Every so-manieth point, so that there are at most `max_points`, in tiles.

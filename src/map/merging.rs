@@ -17,7 +17,7 @@ pub struct MergingConfig {
     pub max_across: f64,
     /// Map clusters that came to overlap become one, where the union is no thicker than `max_across`.
     pub consolidate: bool,
-    /// Nats that a map's log-weight loses with each cluster that it grows by: of two maps that explain the scans as
+    /// Nats, before tempering, that a map's log-weight loses with each cluster that it grows by: of two maps that explain the scans as
     /// well, the one that needs fewer walls is likelier. Where a loop closes, that is the one that recognised them.
     pub cluster_cost: f64,
     /// A cluster seen in fewer steps than this is clutter once `clutter_age` steps have passed; 0 keeps all.
@@ -43,7 +43,7 @@ impl Default for MergingConfig {
             min_points: 3.0,
             max_across: 0.03,
             consolidate: true,
-            cluster_cost: 0.5,
+            cluster_cost: 3.0,
             min_sightings: 3,
             clutter_age: 30,
         }

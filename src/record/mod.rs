@@ -24,10 +24,8 @@ pub struct StageTimes {
     pub cluster: f64,
     /// Following the robot between steps.
     pub track: f64,
-    /// Sampling the motion of all particles.
+    /// Drawing the poses of all particles.
     pub propagate: f64,
-    /// Scan-matched proposals.
-    pub refine: f64,
     /// Weights.
     pub weigh: f64,
     /// Normalising and resampling.
