@@ -18,7 +18,7 @@ impl Progress {
     pub fn new(length: Option<u64>) -> Self {
         let bar = length.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
         let parts =
-            if length.is_some() { "{bar:24} {percent:>3} % {elapsed}, {eta} left" } else { "{spinner} {elapsed}" };
+            if length.is_some() { "{bar:12} {percent:>3} % {elapsed}, {eta} left" } else { "{spinner} {elapsed}" };
         if let Ok(style) = ProgressStyle::with_template(&format!("{parts}; {{wide_msg}}")) {
             bar.set_style(style);
         }
@@ -35,7 +35,7 @@ impl Progress {
         let seconds = self.began.elapsed().as_secs_f64();
         self.bar.set_position(done);
         self.bar.set_message(format!(
-            "{:.0} scans/s, {:.1} times real time, effective sample size {:.0}, {} clusters",
+            "{:.0} scans/s, {:.0}x real time, ESS {:.0}, {} clusters",
             tally.scans as f64 / seconds,
             tally.log_seconds() / seconds,
             tally.effective_last,

@@ -157,7 +157,7 @@ impl RunArgs {
             End::Log | End::MaxScans => {
                 let log = self.log.as_deref().unwrap_or(Path::new("the simulation")).display();
                 let malformed = mapped.stats.first_malformed.map_or_else(String::new, |first| {
-                    format!("; {} lines are malformed, the first one: {first}", mapped.stats.malformed)
+                    format!("; malformed lines: {}; the first one: {first}", mapped.stats.malformed)
                 });
                 Err(anyhow!(
                     "{log}: no laser reading in this log (FLASER, RLASER, ROBOTLASER1, RAWLASER1, ...), so there is \

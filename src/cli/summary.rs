@@ -56,21 +56,21 @@ impl Summary<'_> {
             End::BrokeOff(error) => warnings.push(format!("the log breaks off: {error}")),
         }
         if let Some(first) = &stats.first_malformed {
-            warnings.push(format!("{} malformed lines were left out, the first one: {first}", stats.malformed));
+            warnings.push(format!("malformed lines left out: {}; the first one: {first}", stats.malformed));
         }
         match stats.laser_without_odometry {
             0 => {}
             all if all == stats.laser => {
                 warnings.push("no odometry at all: the map is made by matching scans alone".to_owned());
             }
-            some => warnings.push(format!("{some} scans came before any odometry")),
+            some => warnings.push(format!("scans before any odometry: {some}; they were taken to be where it starts")),
         }
         if stats.backward_stamps > 0 {
             let count = stats.backward_stamps;
-            warnings.push(format!("{count} stamps go backwards; the order of the log was followed, not the stamps"));
+            warnings.push(format!("stamps that go backwards: {count}; the order of the log counted, not the stamps"));
         }
         if tally.empty_scans > 0 {
-            warnings.push(format!("{} of {} scans hold no point", tally.empty_scans, tally.scans));
+            warnings.push(format!("scans without a point: {} of {}", tally.empty_scans, tally.scans));
         }
         if tally.scans == 1 {
             warnings.push("one scan only: the map is what it saw".to_owned());
