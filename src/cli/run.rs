@@ -69,6 +69,7 @@ enum Preset {
 /// Maps the log. What went wrong while the run could go on is returned as a list, and what ended it as the error.
 pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let config = args.config()?;
+    let config_text = toml::to_string(&config)?;
     let relations = args.relations.as_deref().map(relations::read).transpose()?;
     let reference = args.reference.as_deref().map(tum::read).transpose()?;
     let source = args.source()?;
@@ -91,7 +92,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let trajectory_path = outputs.path("trajectory.tum");
     outputs.write_trajectory("trajectory.tum", &mapped.result.trajectory);
     let map_bytes = outputs.write_map(&mapped);
-    outputs.write("config.toml", toml::to_string(&config)?.as_bytes());
+    outputs.write("config.toml", config_text.as_bytes());
 
     let trajectory = &mapped.result.trajectory;
     let mut report =
