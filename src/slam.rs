@@ -44,6 +44,9 @@ struct Hypothesis {
 struct Particle {
     hypothesis: usize,
     world_from_robot: Pose,
+    /// Where the scan matches the map best around there: the particle is weighed there, because how far from the top
+    /// it happened to be drawn says nothing about its map. The same pose where nothing was matched.
+    matched: Pose,
     log_weight: f64,
     /// What the last weighing added to it.
     gain: f64,
@@ -226,21 +229,22 @@ impl Slam {
             let hypothesis = index / poses_a_map;
             let from = &self.hypotheses[hypothesis];
             let random = |draw| normals(config.seed, step, index as u32, draw);
-            let mut world_from_robot =
-                from.world_from_robot * self.tracked.mean * self.tracked.noise(random(Draw::Motion));
+            let sampled = from.world_from_robot * self.tracked.mean * self.tracked.noise(random(Draw::Motion));
+            let (mut matched, mut world_from_robot) = (sampled, sampled);
             if config.proposal.iterations > 0 && step > 0 {
                 let prior = Prior { world_from_robot: from.world_from_robot * self.by_odometry.mean, information };
-                let mode = self.surroundings(&from.map, world_from_robot, tiles).climb(
-                    world_from_robot,
+                let mode = self.surroundings(&from.map, sampled, tiles).climb(
+                    sampled,
                     &prior,
                     tiles,
                     config.proposal.iterations,
                 );
+                matched = mode.world_from_robot;
                 world_from_robot = draw(&mode, config.proposal.spread, random(Draw::Proposal));
             }
             // The poses of a map share its weight.
             let log_weight = from.log_weight - (poses_a_map as f64).ln();
-            Particle { hypothesis, world_from_robot, log_weight, gain: 0.0 }
+            Particle { hypothesis, world_from_robot, matched, log_weight, gain: 0.0 }
         };
         (0..config.particles).into_par_iter().map(draw_pose).collect()
     }
@@ -250,8 +254,8 @@ impl Slam {
         let likelihood = &self.config.likelihood;
         particles.par_iter_mut().for_each(|particle| {
             let map = &self.hypotheses[particle.hypothesis].map;
-            let local = self.local_map(map, particle.world_from_robot, tiles, likelihood);
-            particle.gain = likelihood.temper * local.log_likelihood(particle.world_from_robot, tiles);
+            let local = self.local_map(map, particle.matched, tiles, likelihood);
+            particle.gain = likelihood.temper * local.log_likelihood(particle.matched, tiles);
             particle.log_weight += particle.gain;
         });
     }

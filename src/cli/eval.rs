@@ -37,11 +37,11 @@ pub fn eval(args: &EvalArgs) -> anyhow::Result<()> {
 }
 
 /// All that is told of a trajectory.
-struct Report<'a> {
-    trajectory_path: &'a Path,
-    poses: usize,
-    relations: Option<(&'a Path, RelationErrors)>,
-    reference: Option<(&'a Path, ReferenceErrors)>,
+pub(super) struct Report<'a> {
+    pub trajectory_path: &'a Path,
+    pub poses: usize,
+    pub relations: Option<(&'a Path, RelationErrors)>,
+    pub reference: Option<(&'a Path, ReferenceErrors)>,
 }
 
 impl<'a> Report<'a> {
@@ -69,7 +69,7 @@ impl<'a> Report<'a> {
         Ok(report)
     }
 
-    fn table(&self) -> String {
+    pub(super) fn table(&self) -> String {
         let mut text = format!("trajectory {}: {} poses\n", self.trajectory_path.display(), self.poses);
         if let Some((path, errors)) = &self.relations {
             let RelationErrors { relations, unmatched, .. } = errors;
@@ -90,7 +90,7 @@ impl<'a> Report<'a> {
         text
     }
 
-    fn json(&self) -> Value {
+    pub(super) fn json(&self) -> Value {
         let mut value = json!({ "trajectory": { "path": shown(self.trajectory_path), "poses": self.poses } });
         if let Some((path, errors)) = &self.relations {
             value["relations"] = json!({

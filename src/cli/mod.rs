@@ -1,9 +1,68 @@
 //! Arguments -> configuration -> run -> exit code.
 
+use clap::{Parser, Subcommand};
+use ipslam::config::ConfigError;
+use std::process::ExitCode;
+
 mod eval;
+mod interrupt;
+mod mapping;
+mod output;
+mod progress;
+mod recording;
+mod run;
 mod simulate;
+mod summary;
+
+const EXIT_CODES: &str = "Exit codes:
+  0    all went well
+  1    something failed; what could be written was written, and each failure is told
+  2    wrong usage: an option or a value of the configuration cannot be
+  130  interrupted; what was done until then was written";
+
+const FAILED: u8 = 1;
+const WRONG_USAGE: u8 = 2;
+
+#[derive(Parser)]
+#[command(version, about, after_help = EXIT_CODES)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    #[command(after_help = EXIT_CODES)]
+    Run(run::RunArgs),
+    #[command(after_help = EXIT_CODES)]
+    Eval(eval::EvalArgs),
+    #[command(after_help = EXIT_CODES)]
+    Simulate(simulate::SimulateArgs),
+}
 
 /// Runs the command line.
-pub fn main() -> std::process::ExitCode {
-    std::process::ExitCode::SUCCESS
+pub fn main() -> ExitCode {
+    let errors = match Cli::parse().command {
+        Command::Run(args) => run::run(&args).unwrap_or_else(|error| vec![error]),
+        Command::Eval(args) => eval::eval(&args).err().into_iter().collect(),
+        Command::Simulate(args) => simulate::simulate(&args).err().into_iter().collect(),
+    };
+    for error in &errors {
+        eprintln!("error: {}", with_causes(error));
+    }
+    match &errors[..] {
+        [] if interrupt::happened() => interrupt::EXIT_CODE.into(),
+        [] => ExitCode::SUCCESS,
+        [error, ..] if error.is::<ConfigError>() => WRONG_USAGE.into(),
+        _ => FAILED.into(),
+    }
+}
+
+/// An error and its causes, but for those that it tells itself.
+fn with_causes(error: &anyhow::Error) -> String {
+    error
+        .chain()
+        .skip(1)
+        .map(ToString::to_string)
+        .fold(error.to_string(), |text, cause| if text.contains(&cause) { text } else { format!("{text}: {cause}") })
 }

@@ -1,0 +1,103 @@
+//! The files of a run. One that cannot be written does not keep the others from being written.
+
+use super::mapping::Mapped;
+use anyhow::Context as _;
+use ipslam::config::Config;
+use ipslam::geometry::StampedPose;
+use ipslam::io::{LogEntry, LogSource, map_json, tum, write_whole};
+use ipslam::picture::Figures;
+use ipslam::scan::Scan;
+use std::path::{Path, PathBuf};
+
+/// A folder for outputs, and what went wrong with them.
+pub struct Outputs {
+    folder: PathBuf,
+    pub errors: Vec<anyhow::Error>,
+}
+
+impl Outputs {
+    /// Makes the folder and tries it, so that a long run does not end without a place for its results.
+    pub fn new(folder: PathBuf) -> anyhow::Result<Self> {
+        let remedy = || format!("{}: no folder for outputs; name another one with --out", folder.display());
+        std::fs::create_dir_all(&folder).with_context(remedy)?;
+        let probe = folder.join(".ipslam-probe");
+        write_whole(&probe, |file| file.write_all(b"can this be written?")).with_context(remedy)?;
+        std::fs::remove_file(&probe).with_context(remedy)?;
+        Ok(Self { folder, errors: Vec::new() })
+    }
+
+    /// Where a file of this name is.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// Writes a file.
+    pub fn write(&mut self, name: &str, bytes: &[u8]) {
+        let written = write_whole(&self.path(name), |file| file.write_all(bytes));
+        self.note(written);
+    }
+
+    /// Writes the trajectory.
+    pub fn write_trajectory(&mut self, name: &str, trajectory: &[StampedPose]) {
+        let written = tum::write(&self.path(name), trajectory);
+        self.note(written);
+    }
+
+    /// Keeps an error for the end.
+    pub fn note<E: Into<anyhow::Error>>(&mut self, result: Result<(), E>) {
+        self.errors.extend(result.err().map(Into::into));
+    }
+
+    /// Writes `map.json`; returns its size in bytes.
+    pub fn write_map(&mut self, mapped: &Mapped) -> usize {
+        let mut bytes = Vec::new();
+        match map_json::write_map(&mapped.result.map, &mut bytes) {
+            Ok(()) => self.write("map.json", &bytes),
+            Err(error) => self.note(Err(anyhow::Error::new(error).context("map.json"))),
+        }
+        bytes.len()
+    }
+
+    /// Reads the log again for its points, as far as it was mapped, and draws the pictures.
+    ///
+    /// `reference` is in the world's frame.
+    pub fn draw(&mut self, source: &dyn LogSource, config: &Config, mapped: &Mapped, reference: &[StampedPose]) {
+        let mut figures = Figures::new(source.name(), &mapped.result, reference);
+        let added = add_scans(&mut figures, source, config, mapped);
+        self.note(added.context("the log cannot be read again for the pictures"));
+        match figures.finish() {
+            Ok(files) => files.iter().for_each(|(name, bytes)| self.write(name, bytes)),
+            Err(error) => self.note(Err(error)),
+        }
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+}
+
+fn add_scans(
+    figures: &mut Figures<'_>,
+    source: &dyn LogSource,
+    config: &Config,
+    mapped: &Mapped,
+) -> anyhow::Result<()> {
+    let mut poses = mapped.result.trajectory.iter().zip(&mapped.result.odometry);
+    let mut reader = source.open()?;
+    // One pose belongs to each laser and odometry entry, in this order. Once they are used up nothing more is read.
+    while poses.len() > 0
+        && let Some(entry) = reader.next()
+    {
+        match entry? {
+            LogEntry::Truth { .. } => {}
+            LogEntry::Odometry { .. } => drop(poses.next()),
+            LogEntry::Laser(reading) => {
+                let Some((found, odometry)) = poses.next() else { break };
+                let scan = Scan::from_reading(&reading, config.scan.min_range, config.scan.max_range);
+                figures.add_scan(&scan, odometry.pose, found.pose);
+            }
+        }
+    }
+    Ok(())
+}

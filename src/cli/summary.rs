@@ -1,0 +1,225 @@
+//! What a run tells of itself: `summary.json`, and the same as a short table.
+
+use super::eval::Report;
+use super::mapping::{End, Mapped};
+use ipslam::config::Config;
+use ipslam::record::StageTimes;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+
+/// A cluster is told by its mean (2), the direction of its long axis (1) and the variances along and across it (2).
+const NUMBERS_PER_CLUSTER: u64 = 5;
+/// A measured point by its two coordinates.
+const NUMBERS_PER_POINT: u64 = 2;
+
+/// All there is to tell.
+pub struct Summary<'a> {
+    pub name: &'a str,
+    pub mapped: &'a Mapped,
+    pub config: &'a Config,
+    pub map_bytes: usize,
+    pub drawing_seconds: f64,
+    pub report: &'a Report<'a>,
+}
+
+impl Summary<'_> {
+    fn clusters(&self) -> u64 {
+        self.mapped.result.map.len() as u64
+    }
+
+    /// Numbers of the map, as a share of those of the points.
+    fn share_of_points(&self) -> f64 {
+        let points = NUMBERS_PER_POINT * self.mapped.tally.points;
+        (NUMBERS_PER_CLUSTER * self.clusters()) as f64 / points.max(1) as f64
+    }
+
+    fn effective_mean(&self) -> f64 {
+        self.mapped.tally.effective_sum / self.mapped.tally.steps.max(1) as f64
+    }
+
+    fn times_real_time(&self) -> f64 {
+        self.mapped.tally.log_seconds() / self.mapped.seconds.max(1e-9)
+    }
+
+    fn is_scored(&self) -> bool {
+        self.report.relations.is_some() || self.report.reference.is_some()
+    }
+
+    /// What is worth a look, though the run went on.
+    fn warnings(&self) -> Vec<String> {
+        let (stats, tally) = (&self.mapped.stats, &self.mapped.tally);
+        let mut warnings = Vec::new();
+        match &self.mapped.end {
+            End::Log => {}
+            End::MaxScans => warnings.push(format!("ended after {} scans, as asked for", tally.scans)),
+            End::Interrupted => warnings.push(format!("interrupted after {} scans", tally.scans)),
+            End::BrokeOff(error) => warnings.push(format!("the log breaks off: {error}")),
+        }
+        if let Some(first) = &stats.first_malformed {
+            warnings.push(format!("malformed lines left out: {}; the first one: {first}", stats.malformed));
+        }
+        match stats.laser_without_odometry {
+            0 => {}
+            all if all == stats.laser => {
+                warnings.push("no odometry at all: the map is made by matching scans alone".to_owned());
+            }
+            some => warnings.push(format!("scans before any odometry: {some}; they were taken to be where it starts")),
+        }
+        if stats.backward_stamps > 0 {
+            let count = stats.backward_stamps;
+            warnings.push(format!("stamps that go backwards: {count}; the order of the log counted, not the stamps"));
+        }
+        if tally.empty_scans > 0 {
+            warnings.push(format!("scans without a point: {} of {}", tally.empty_scans, tally.scans));
+        }
+        if tally.scans == 1 {
+            warnings.push("one scan only: the map is what it saw".to_owned());
+        }
+        let nothing_matched = "no stamp finds a pose of the trajectory; is it of the same log and clock?";
+        if let Some((path, _)) = self.report.relations.as_ref().filter(|(_, errors)| errors.all.is_none()) {
+            warnings.push(format!("{}: {nothing_matched}", path.display()));
+        }
+        if let Some((path, _)) = self.report.reference.as_ref().filter(|(_, errors)| errors.absolute.is_none()) {
+            warnings.push(format!("{}: {nothing_matched}", path.display()));
+        }
+        warnings
+    }
+
+    /// Everything, units in the names.
+    pub fn json(&self) -> serde_json::Result<Value> {
+        let Self { mapped, config, .. } = self;
+        let tally = &mapped.tally;
+        let of_particles = |count: f64| count / config.particles as f64;
+        Ok(json!({
+            "program": "ipslam",
+            "version": env!("CARGO_PKG_VERSION"),
+            "log": {
+                "name": self.name,
+                "ended_by": match mapped.end {
+                    End::Log => "end of log",
+                    End::MaxScans => "max scans",
+                    End::Interrupted => "interrupt",
+                    End::BrokeOff(_) => "broken log",
+                },
+                "duration_s": tally.log_seconds(),
+                "stats": mapped.stats,
+            },
+            "beams": {
+                "scans": tally.scans,
+                "scans_without_points": tally.empty_scans,
+                "points": tally.points,
+                "no_return": tally.no_return,
+                "invalid": tally.invalid,
+            },
+            "map": {
+                "clusters": self.clusters(),
+                "numbers": NUMBERS_PER_CLUSTER * self.clusters(),
+                "numbers_of_points": NUMBERS_PER_POINT * tally.points,
+                "share_of_points": self.share_of_points(),
+                "json_bytes": self.map_bytes,
+            },
+            "filter": {
+                "steps": tally.steps,
+                "resamplings": tally.resamplings,
+                "effective_sample_size": {
+                    "mean": self.effective_mean(),
+                    "worst": tally.effective_worst,
+                    "mean_share": of_particles(self.effective_mean()),
+                    "worst_share": of_particles(tally.effective_worst),
+                },
+            },
+            "time": {
+                "mapping_s": mapped.seconds,
+                "times_real_time": self.times_real_time(),
+                "stages_s": tally.times,
+                "drawing_s": self.drawing_seconds,
+            },
+            "peak_memory_bytes": peak_memory(),
+            "threads": rayon::current_num_threads(),
+            "seed": config.seed,
+            "configuration": with_infinities(serde_json::to_value(config)?),
+            "warnings": self.warnings(),
+            "metrics": self.is_scored().then(|| self.report.json()),
+        }))
+    }
+
+    /// The same in some twenty lines.
+    pub fn table(&self) -> String {
+        let Self { mapped, config, .. } = self;
+        let tally = &mapped.tally;
+        let percent = |count: f64| 100.0 * count / config.particles as f64;
+        let StageTimes { cluster, track, propagate, refine, weigh, resample, merge } = tally.times;
+        let rows = [
+            ("log", format!("{}: {} scans in {:.1} s", self.name, tally.scans, tally.log_seconds())),
+            (
+                "beams",
+                format!("{} points, {} without return, {} invalid", tally.points, tally.no_return, tally.invalid),
+            ),
+            (
+                "map",
+                format!(
+                    "{} clusters of {NUMBERS_PER_CLUSTER} numbers, {:.2} % of the numbers of the points; {:.1} kB as JSON",
+                    self.clusters(),
+                    100.0 * self.share_of_points(),
+                    self.map_bytes as f64 / 1e3
+                ),
+            ),
+            ("filter", format!("{} particles in {} maps, seed {}", config.particles, config.maps, config.seed)),
+            ("", format!("{} steps, resampled in {}", tally.steps, tally.resamplings)),
+            (
+                "",
+                format!(
+                    "effective sample size {:.1} on average ({:.0} %), {:.1} at worst ({:.0} %)",
+                    self.effective_mean(),
+                    percent(self.effective_mean()),
+                    tally.effective_worst,
+                    percent(tally.effective_worst)
+                ),
+            ),
+            (
+                "time",
+                format!(
+                    "{:.1} s with {} threads: {:.1} times real time; {:.1} s for the pictures",
+                    mapped.seconds,
+                    rayon::current_num_threads(),
+                    self.times_real_time(),
+                    self.drawing_seconds
+                ),
+            ),
+            (
+                "",
+                format!(
+                    "cluster {cluster:.1} s, track {track:.1}, propagate {propagate:.1}, refine {refine:.1}, \
+                     weigh {weigh:.1}, resample {resample:.1}, merge {merge:.1}"
+                ),
+            ),
+        ];
+        let memory = peak_memory().map(|bytes| ("memory", format!("{:.0} MB at most", bytes as f64 / 1e6)));
+        let warnings = self.warnings().into_iter().map(|warning| ("warning", warning));
+        let mut table = String::new();
+        for (label, text) in rows.into_iter().chain(memory).chain(warnings) {
+            let _ = writeln!(table, "{label:<8} {text}");
+        }
+        if self.is_scored() {
+            table += "\n";
+            table += &self.report.table();
+        }
+        table
+    }
+}
+
+/// JSON has no infinity and `serde_json` writes null for it; of a configuration that was found valid no number is else.
+fn with_infinities(value: Value) -> Value {
+    match value {
+        Value::Null => "inf".into(),
+        Value::Object(members) => members.into_iter().map(|(key, value)| (key, with_infinities(value))).collect(),
+        other => other,
+    }
+}
+
+/// The most memory that this process ever held [bytes], where the system tells (Linux).
+fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    line.trim().strip_suffix(" kB")?.parse::<u64>().ok().map(|kilobytes| 1024 * kilobytes)
+}
