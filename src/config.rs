@@ -79,8 +79,8 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             seed: 1,
-            particles: 100,
-            maps: 100,
+            particles: 128,
+            maps: 128,
             scan: ScanConfig::default(),
             clustering: ClusteringConfig::default(),
             motion: MotionConfig::default(),
@@ -143,7 +143,7 @@ impl Config {
 const MOST_PARTICLES: usize = 10_000_000;
 
 /// Numbers with limits of their own, least and greatest; all others may be anything from 0 on, infinity included.
-const LIMITS: [(&str, f64, f64); 17] = [
+const LIMITS: [(&str, f64, f64); 21] = [
     ("scan.min_range", 0.0, 1e6),
     ("clustering.min_points", 2.0, 1e6),
     ("clustering.noise", 1e-6, 1e3),
@@ -155,12 +155,16 @@ const LIMITS: [(&str, f64, f64); 17] = [
     ("motion.position_floor", 1e-6, 1e3),
     ("motion.heading_floor", 1e-6, 1e3),
     ("likelihood.sigma_floor", 1e-6, 1e3),
+    ("likelihood.capture_sigma", 1e-6, 1e3),
     ("likelihood.end_sigma", 1e-6, 1e3),
     ("likelihood.outlier_density", 1e-30, 1e6),
     ("likelihood.temper", 1e-6, 1e3),
     ("likelihood.max_points", 1.0, f64::INFINITY),
     ("proposal.iterations", 0.0, 1e4),
     ("filter.resample_below", 0.0, 1.0),
+    ("smoothing.position", 1e-6, 1e3),
+    ("smoothing.heading", 1e-6, 1e3),
+    ("smoothing.keep_explained", 0.0, 1.0),
 ];
 
 /// Why a configuration cannot be used.
@@ -318,8 +322,8 @@ mod tests {
         for (text, expected) in [
             ("particles = 0", "particles (option --particles) is 0, but has to be 1 to 10000000"),
             ("particles = 20000000\nmaps = 1", "is 20000000, but has to be 1 to"),
-            ("maps = 0", "maps (option --maps) is 0, but has to be 1 to the number of particles, which is 200"),
-            ("maps = 201", "maps (option --maps) is 201"),
+            ("maps = 0", "maps (option --maps) is 0, but has to be 1 to the number of particles, which is 128"),
+            ("maps = 129", "maps (option --maps) is 129"),
             ("particles = 10\nmaps = 4", "multiple of the number of maps, which is 4: 8 or 12"),
             ("[likelihood]\ntemper = nan", "likelihood.temper is nan, but has to be 0.000001 to 1000"),
             ("[likelihood]\nmax_points = 0", "likelihood.max_points is 0, but has to be 1 or more"),

@@ -8,6 +8,7 @@ use ipslam::io::{LogEntry, LogError, LogSource, LogStats};
 use ipslam::record::{Observer, RunResult, StageTimes, StepReport};
 use ipslam::scan::Scan;
 use ipslam::slam::Slam;
+use ipslam::smoothing::smooth;
 use std::time::Instant;
 
 /// What the filter made of a log.
@@ -18,8 +19,19 @@ pub struct Mapped {
     pub stats: LogStats,
     pub tally: Tally,
     pub end: End,
-    /// Seconds that the pass took.
-    pub seconds: f64,
+    /// Seconds that the filter took.
+    pub filter_seconds: f64,
+    /// Seconds that the smoothing took.
+    pub smoothing_seconds: f64,
+    /// What kept the smoothing from being finished.
+    pub smoothing: Result<(), LogError>,
+}
+
+impl Mapped {
+    /// Seconds from the first entry to the finished map.
+    pub fn seconds(&self) -> f64 {
+        self.filter_seconds + self.smoothing_seconds
+    }
 }
 
 /// Why the pass ended.
@@ -49,7 +61,7 @@ pub struct Tally {
     first_and_latest_stamp: Option<(f64, f64)>,
 }
 
-/// Maps a log, up to `max_scans` of it.
+/// Maps a log and smooths the result, up to `max_scans` of it.
 pub fn map_log(
     source: &dyn LogSource,
     config: &Config,
@@ -85,10 +97,17 @@ pub fn map_log(
         progress.update(reader.progress().map_or(tally.scans, |(done, _)| done), &tally);
     };
     progress.finish();
-    let result = slam.finish();
+    let filter_seconds = began.elapsed().as_secs_f64();
+    let mut result = slam.finish();
+    let began = Instant::now();
+    let smoothing = match end {
+        End::Interrupted => Ok(()),
+        _ => smooth(source, &mut result, config),
+    };
+    let smoothing_seconds = began.elapsed().as_secs_f64();
     observers.iter_mut().for_each(|observer| observer.on_finish(&result));
     let stats = reader.stats().clone();
-    Ok(Mapped { result, truth, stats, tally, end, seconds: began.elapsed().as_secs_f64() })
+    Ok(Mapped { result, truth, stats, tally, end, filter_seconds, smoothing_seconds, smoothing })
 }
 
 impl Tally {
@@ -119,11 +138,10 @@ impl Tally {
         self.steps += 1;
         self.resamplings += u64::from(report.resampled);
         self.clusters = report.map.len();
-        let StageTimes { cluster, track, propagate, refine, weigh, resample, merge } = report.times;
+        let StageTimes { cluster, track, propagate, weigh, resample, merge } = report.times;
         self.times.cluster += cluster;
         self.times.track += track;
         self.times.propagate += propagate;
-        self.times.refine += refine;
         self.times.weigh += weigh;
         self.times.resample += resample;
         self.times.merge += merge;

@@ -33,7 +33,7 @@ pub struct RunArgs {
     /// TOML file that sets any part of the configuration, in place of the preset's; config.toml among the outputs is one
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
-    /// Pose particles, a multiple of the maps; in place of the configuration's
+    /// Pose particles, a multiple of the maps; in place of the configuration's, or as many as --maps says
     #[arg(long, allow_negative_numbers = true)]
     particles: Option<usize>,
     /// Maps; in place of the configuration's
@@ -83,12 +83,16 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     interrupt::watch()?;
 
     eprintln!("mapping {name}: {} particles in {} maps", config.particles, config.maps);
-    let mapped = map_log(&*source, &config, args.max_scans, &mut observers)?;
+    let mut mapped = map_log(&*source, &config, args.max_scans, &mut observers)?;
+    let failures: Vec<String> = observers.iter().filter_map(|observer| observer.failure()).map(str::to_owned).collect();
     drop(observers);
+    failures.into_iter().for_each(|failure| outputs.note(Err(anyhow!("the recording is not whole: {failure}"))));
     if mapped.tally.scans == 0 {
         return args.nothing_mapped(mapped);
     }
 
+    let smoothed = std::mem::replace(&mut mapped.smoothing, Ok(()));
+    outputs.note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
     let trajectory_path = outputs.path("trajectory.tum");
     outputs.write_trajectory("trajectory.tum", &mapped.result.trajectory);
     let map_bytes = outputs.write_map(&mapped);
@@ -136,7 +140,7 @@ impl RunArgs {
             let text = std::fs::read_to_string(path).with_context(|| format!("{shown}: cannot be read"))?;
             config = config.with_toml(&text).with_context(|| shown.to_string())?;
         }
-        config.particles = self.particles.unwrap_or(config.particles);
+        config.particles = self.particles.or(self.maps).unwrap_or(config.particles);
         config.maps = self.maps.unwrap_or(config.maps);
         config.seed = self.seed.unwrap_or(config.seed);
         config.validate()?;

@@ -38,7 +38,7 @@ impl Summary<'_> {
     }
 
     fn times_real_time(&self) -> f64 {
-        self.mapped.tally.log_seconds() / self.mapped.seconds.max(1e-9)
+        self.mapped.tally.log_seconds() / self.mapped.seconds().max(1e-9)
     }
 
     fn is_scored(&self) -> bool {
@@ -129,7 +129,8 @@ impl Summary<'_> {
                 },
             },
             "time": {
-                "mapping_s": mapped.seconds,
+                "filter_s": mapped.filter_seconds,
+                "smoothing_s": mapped.smoothing_seconds,
                 "times_real_time": self.times_real_time(),
                 "stages_s": tally.times,
                 "drawing_s": self.drawing_seconds,
@@ -148,7 +149,7 @@ impl Summary<'_> {
         let Self { mapped, config, .. } = self;
         let tally = &mapped.tally;
         let percent = |count: f64| 100.0 * count / config.particles as f64;
-        let StageTimes { cluster, track, propagate, refine, weigh, resample, merge } = tally.times;
+        let StageTimes { cluster, track, propagate, weigh, resample, merge } = tally.times;
         let rows = [
             ("log", format!("{}: {} scans in {:.1} s", self.name, tally.scans, tally.log_seconds())),
             (
@@ -180,7 +181,7 @@ impl Summary<'_> {
                 "time",
                 format!(
                     "{:.1} s with {} threads: {:.1} times real time; {:.1} s for the pictures",
-                    mapped.seconds,
+                    mapped.seconds(),
                     rayon::current_num_threads(),
                     self.times_real_time(),
                     self.drawing_seconds
@@ -189,8 +190,9 @@ impl Summary<'_> {
             (
                 "",
                 format!(
-                    "cluster {cluster:.1} s, track {track:.1}, propagate {propagate:.1}, refine {refine:.1}, \
-                     weigh {weigh:.1}, resample {resample:.1}, merge {merge:.1}"
+                    "cluster {cluster:.1} s, track {track:.1}, propagate {propagate:.1}, weigh {weigh:.1}, \
+                     resample {resample:.1}, merge {merge:.1}, smoothing {:.1}",
+                    mapped.smoothing_seconds
                 ),
             ),
         ];

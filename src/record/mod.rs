@@ -79,4 +79,7 @@ pub trait Observer {
 
     /// The run is over; nothing follows.
     fn on_finish(&mut self, result: &RunResult);
+
+    /// What kept it from doing its work, if anything did.
+    fn failure(&self) -> Option<&str>;
 }

@@ -70,11 +70,10 @@ pub const CLUSTERS: &str = "plots/clusters";
 /// Seconds by stage.
 pub const SECONDS: &str = "plots/seconds";
 /// Stages of a step, with their colours.
-pub const STAGES: [(&str, [u8; 3]); 7] = [
+pub const STAGES: [(&str, [u8; 3]); 6] = [
     ("cluster", [86, 180, 233]),
     ("track", [0, 158, 115]),
     ("propagate", [240, 228, 66]),
-    ("refine", [213, 94, 0]),
     ("weigh", [204, 121, 167]),
     ("resample", [160, 160, 160]),
     ("merge", [230, 159, 0]),

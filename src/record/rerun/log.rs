@@ -181,7 +181,7 @@ fn particles(all: &[ReportedParticle]) -> Points2D {
 }
 
 /// In the order of [`layout::STAGES`].
-fn seconds(times: &StageTimes) -> [f64; 7] {
-    let StageTimes { cluster, track, propagate, refine, weigh, resample, merge } = *times;
-    [cluster, track, propagate, refine, weigh, resample, merge]
+fn seconds(times: &StageTimes) -> [f64; 6] {
+    let StageTimes { cluster, track, propagate, weigh, resample, merge } = *times;
+    [cluster, track, propagate, weigh, resample, merge]
 }

@@ -4,7 +4,7 @@
 //! timelines: `step`, and `time`, the seconds since the first step's stamp. Stamps may go backwards in a log; `time`
 //! then stands still until they have caught up.
 //!
-//! Recording never stops a run. What goes wrong after the start ends the recording, and [`RerunObserver::failure`]
+//! Recording never stops a run. What goes wrong after the start ends the recording, and [`Observer::failure`]
 //! tells it; the observer ignores the steps that follow.
 
 use super::{Observer, RunResult, StepReport};
@@ -116,11 +116,6 @@ impl RerunObserver {
         Ok(Self { recorder: Some(Recorder::new(stream)), failure: None, hint })
     }
 
-    /// Why the recording ended before the run did, if it did.
-    pub fn failure(&self) -> Option<&str> {
-        self.failure.as_deref()
-    }
-
     /// Does something with the recorder, and ends the recording where that fails.
     fn record(&mut self, log: impl FnOnce(&mut Recorder) -> Result<(), String>) {
         let Some(recorder) = &mut self.recorder else { return };
@@ -149,6 +144,10 @@ impl Observer for RerunObserver {
             check(recorder.stream())
         });
         self.recorder = None;
+    }
+
+    fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
     }
 }
 
