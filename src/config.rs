@@ -101,7 +101,7 @@ impl Config {
             particles: 201,
             maps: 201,
             clustering: ClusteringConfig {
-                min_points: 5,
+                min_points: 10,
                 max_across: f64::INFINITY,
                 max_gap: f64::INFINITY,
                 ..ClusteringConfig::default()
@@ -110,9 +110,9 @@ impl Config {
             proposal: ProposalConfig { iterations: 0, spread: 1.0, tracking_starts: 0 },
             likelihood: LikelihoodConfig {
                 latent: Latent::Normal,
-                sigma_floor: 0.01,
-                capture_sigma: 0.01,
-                end_sigma: 0.01,
+                sigma_floor: 0.05,
+                capture_sigma: 0.05,
+                end_sigma: 0.05,
                 outlier_density: 1e-8,
                 temper: 1.0,
                 max_points: u32::MAX as usize,
@@ -125,8 +125,8 @@ impl Config {
             },
             merging: MergingConfig {
                 method: MergingMethod::Incremental,
-                min_points: 10.0,
-                max_across: 0.1,
+                min_points: 20.0,
+                max_across: 0.15,
                 consolidate: false,
                 cluster_cost: 0.0,
                 min_sightings: 0,
