@@ -225,6 +225,10 @@ impl Config {
             let expected = format!("a multiple of the number of maps, which is {maps}: {fewer} or {more}");
             return Err(ConfigError::value("particles (option --particles)", particles, expected));
         }
+        if self.filter.weigh_merged_map && particles != maps {
+            let expected = format!("the number of maps, which is {maps}, where filter.weigh_merged_map is set");
+            return Err(ConfigError::value("particles (option --particles)", particles, expected));
+        }
         check_numbers("", &self.to_table()?)?;
         let ScanConfig { min_range, max_range } = self.scan;
         if min_range >= max_range {
@@ -304,6 +308,12 @@ mod tests {
         expected.likelihood.temper = 0.5;
         assert_eq!(config, expected);
         assert_eq!(Config::paper().with_toml("").unwrap(), Config::paper());
+    }
+
+    #[test]
+    fn a_map_weighed_after_merging_has_one_pose() {
+        let message = Config { particles: 402, ..Config::paper() }.validate().unwrap_err().to_string();
+        assert!(message.contains("is 402, but has to be the number of maps, which is 201"), "{message}");
     }
 
     #[test]
