@@ -43,9 +43,9 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ScanConfig {
-    /// Shorter ranges are no measurement [m].
+    /// Shorter ranges are no measurement \[m\].
     pub min_range: f64,
-    /// Ranges from here on are not used, or no return [m].
+    /// Ranges from here on are not used, or no return \[m\].
     pub max_range: f64,
 }
 
@@ -53,9 +53,9 @@ pub struct ScanConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FilterConfig {
-    /// A step is taken once the robot has moved this far [m] ...
+    /// A step is taken once the robot has moved this far \[m\] ...
     pub step_distance: f64,
-    /// ... or turned this far [rad]. Both zero: a step every scan, as in the paper.
+    /// ... or turned this far \[rad\]. Both zero: a step every scan, as in the paper.
     pub step_turn: f64,
     /// Resample where the effective sample size falls below this share of the maps; 1 resamples every step.
     pub resample_below: f64,

@@ -11,17 +11,17 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MotionConfig {
-    /// Forward and sideways error of a travelled distance [m/m].
+    /// Forward and sideways error of a travelled distance \[m/m\].
     pub position_per_distance: f64,
-    /// Forward and sideways error of a turn [m/rad].
+    /// Forward and sideways error of a turn \[m/rad\].
     pub position_per_turn: f64,
-    /// Heading error of a travelled distance [rad/m].
+    /// Heading error of a travelled distance \[rad/m\].
     pub heading_per_distance: f64,
-    /// Heading error of a turn [rad/rad].
+    /// Heading error of a turn \[rad/rad\].
     pub heading_per_turn: f64,
-    /// Error of a motion of nothing, forward and sideways [m].
+    /// Error of a motion of nothing, forward and sideways \[m\].
     pub position_floor: f64,
-    /// Error of a motion of nothing, heading [rad].
+    /// Error of a motion of nothing, heading \[rad\].
     pub heading_floor: f64,
 }
 
@@ -44,7 +44,7 @@ impl Default for MotionConfig {
 pub struct Motion {
     /// The mean, `earlier_from_later`.
     pub mean: Pose,
-    /// Covariance of (forward [m], sideways [m], heading [rad]) in the later robot's frame; positive definite.
+    /// Covariance of (forward \[m\], sideways \[m\], heading \[rad\]) in the later robot's frame; positive definite.
     pub covariance: Matrix3<f64>,
 }
 

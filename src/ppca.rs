@@ -18,13 +18,13 @@ use nalgebra::{Matrix2, Point2, Vector2};
 /// Points of the plane summarised by a PPCA model: a Gaussian that is long along a wall and thin across it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cluster {
-    /// Centre μ [m], in the frame that the owner names.
+    /// Centre μ \[m\], in the frame that the owner names.
     pub mean: Point2<f64>,
     /// Principal direction u₁, of length one; its sign has no meaning.
     pub direction: Vector2<f64>,
-    /// Variance λ₁ along the direction [m²], at least `across_variance`.
+    /// Variance λ₁ along the direction \[m²\], at least `across_variance`.
     pub along_variance: f64,
-    /// Variance σ² = λ₂ across the direction [m²].
+    /// Variance σ² = λ₂ across the direction \[m²\].
     pub across_variance: f64,
     /// How many points it stands for; not a whole number once points were shared out softly.
     pub count: f64,
@@ -35,9 +35,9 @@ pub struct Cluster {
 pub struct Moments {
     /// Sum of the weights.
     pub count: f64,
-    /// Weighted mean [m].
+    /// Weighted mean \[m\].
     pub mean: Vector2<f64>,
-    /// Weighted sum of (z - mean)(z - mean)ᵀ [m²].
+    /// Weighted sum of (z - mean)(z - mean)ᵀ \[m²\].
     pub scatter: Matrix2<f64>,
 }
 
@@ -97,7 +97,7 @@ impl Cluster {
         Moments { count: self.count, mean: self.mean.coords, scatter: self.covariance() * self.count }
     }
 
-    /// C = W Wᵀ + σ² I (eq. 10) [m²].
+    /// C = W Wᵀ + σ² I (eq. 10) \[m²\].
     pub fn covariance(&self) -> Matrix2<f64> {
         let normal = self.normal();
         self.direction * self.direction.transpose() * self.along_variance
@@ -124,7 +124,7 @@ impl Cluster {
         Self { mean: to_from * self.mean, direction: to_from * self.direction, ..*self }
     }
 
-    /// The same cluster with neither variance below a floor [m²]: a laser's noise keeps every real density finite.
+    /// The same cluster with neither variance below a floor \[m²\]: a laser's noise keeps every real density finite.
     pub fn with_variance_floor(&self, floor: f64) -> Self {
         Self {
             along_variance: self.along_variance.max(floor),
@@ -140,7 +140,7 @@ impl Cluster {
         [self.mean - half, self.mean + half]
     }
 
-    /// Length of that wall [m].
+    /// Length of that wall \[m\].
     pub fn length(&self) -> f64 {
         (12.0 * self.along_variance).sqrt()
     }

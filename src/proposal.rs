@@ -66,9 +66,9 @@ impl Surroundings {
     }
 }
 
-/// Longest step of one iteration [m, m, rad]: a quadratic is trusted no further.
+/// Longest step of one iteration \[m, m, rad\]: a quadratic is trusted no further.
 const MAX_STEP: [f64; 3] = [0.3, 0.3, 0.15];
-/// A step that moves the robot less than this changes nothing [m, m, rad].
+/// A step that moves the robot less than this changes nothing \[m, m, rad\].
 const CONVERGED: [f64; 3] = [5e-4, 5e-4, 2e-4];
 
 /// Climbs from `start` to the nearest top of the posterior of one scan in one map.

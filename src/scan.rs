@@ -8,7 +8,7 @@ use nalgebra::Point2;
 pub struct Scan {
     /// Seconds.
     pub stamp: f64,
-    /// End points of the beams that hit something, in the robot's frame [m], in the order of the beams.
+    /// End points of the beams that hit something, in the robot's frame \[m\], in the order of the beams.
     pub points: Vec<Point2<f64>>,
     /// Beams without return (at or above the maximum range).
     pub no_return: usize,
@@ -17,7 +17,7 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// Turns ranges into points, leaving out what lies outside `min_range..max_range` [m].
+    /// Turns ranges into points, leaving out what lies outside `min_range..max_range` \[m\].
     ///
     /// The reading's own maximum, where it is lower, counts as well.
     pub fn from_reading(reading: &LaserReading, min_range: f64, max_range: f64) -> Self {

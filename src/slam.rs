@@ -1,6 +1,6 @@
 //! The IPSLAM filter: Table I of the paper, one scan at a time.
 //!
-//! [`Slam::step`] is the table, in its order. Two things are done once for all particles and not once for each, and
+//! `Slam::step` is the table, in its order. Two things are done once for all particles and not once for each, and
 //! give the same: the scan is clustered in the robot's frame, because PPCA is equivariant under rigid motion; and
 //! particles of one ancestor share its clusters until they differ.
 //!
@@ -364,7 +364,7 @@ impl Slam {
     }
 }
 
-/// Clusters further from the robot than its scan reaches, and this much [m] more, are left aside.
+/// Clusters further from the robot than its scan reaches, and this much \[m\] more, are left aside.
 const MARGIN: f64 = 2.0;
 
 fn is_near(cluster: &Cluster, robot: Pose, reach: f64) -> bool {

@@ -28,9 +28,9 @@ use serde::{Deserialize, Serialize};
 pub struct SmoothingConfig {
     /// Passes over the log; 0 leaves the filter's result as it is, as in the paper.
     pub passes: usize,
-    /// How far a pass is expected to move a scan, forward and sideways [m].
+    /// How far a pass is expected to move a scan, forward and sideways \[m\].
     pub position: f64,
-    /// ... and in heading [rad].
+    /// ... and in heading \[rad\].
     pub heading: f64,
     /// The map is the smallest set of clusters that explains this share of what all clusters explain; the rest is
     /// clutter, seen in passing.

@@ -1,12 +1,12 @@
 //! Points -> clusters: G-means with PPCA (III-B of the paper).
 //!
-//! 1. [`split`]: G-means (Hamerly & Elkan, NIPS 2003). A cluster whose points, projected on the line between the two
+//! 1. `split`: G-means (Hamerly & Elkan, NIPS 2003). A cluster whose points, projected on the line between the two
 //!    halves that 2-means would make of it, fail the Anderson-Darling test of normality is split, until all pass.
-//! 2. [`mixture`]: the clusters become a mixture of PPCA models and are refined by EM (Tipping & Bishop, Neural
+//! 2. `mixture`: the clusters become a mixture of PPCA models and are refined by EM (Tipping & Bishop, Neural
 //!    Computation 11, 1999).
 //! 3. Points that are outliers even to their most likely cluster are left out, and the clusters are fitted again.
 //!
-//! Input: points in any frame [m]. Output: clusters in that frame. PPCA is equivariant under rigid motion, so a scan
+//! Input: points in any frame \[m\]. Output: clusters in that frame. PPCA is equivariant under rigid motion, so a scan
 //! is clustered once, in the robot's frame, for all particles.
 
 use crate::ppca::Cluster;
@@ -23,15 +23,15 @@ mod split;
 pub struct ClusteringConfig {
     /// Split where A*² is above this. The paper's 1.035 is the 1 % point of the test.
     pub normality_threshold: f64,
-    /// Split also what is thicker than this standard deviation across [m]; infinite in the paper. A corner or a curve
+    /// Split also what is thicker than this standard deviation across \[m\]; infinite in the paper. A corner or a curve
     /// of few points can pass for normal along its principal component and still be no line.
     pub max_across: f64,
     /// The fewest points of a cluster; smaller ones are dropped with their points.
     pub min_points: usize,
-    /// Laser noise [m]: no standard deviation of a cluster is taken to be smaller while points are shared out.
+    /// Laser noise \[m\]: no standard deviation of a cluster is taken to be smaller while points are shared out.
     pub noise: f64,
-    /// A cluster with a longer stretch without points is several [m]; infinite in the paper. Things that happen to lie
-    /// on one line are no wall.
+    /// A cluster with a longer stretch without points is several \[m\]; infinite in the paper. Things that happen to
+    /// lie on one line are no wall.
     pub max_gap: f64,
     /// At most this many rounds of EM; 0 leaves the G-means clusters as they are.
     pub em_iterations: usize,
@@ -93,7 +93,7 @@ pub fn cluster_points(points: &[Point2<f64>], config: &ClusteringConfig) -> Clus
     clustering
 }
 
-/// Cuts a cluster's points where a stretch of its line longer than `max_gap` [m] holds none.
+/// Cuts a cluster's points where a stretch of its line longer than `max_gap` \[m\] holds none.
 fn pieces(points: &[Point2<f64>], mut members: Vec<usize>, max_gap: f64) -> Vec<Vec<usize>> {
     let Some(cluster) = Cluster::fit(members.iter().map(|&i| points[i])) else { return Vec::new() };
     let along = |i: usize| cluster.direction.dot(&points[i].coords);

@@ -11,14 +11,14 @@ use serde::{Deserialize, Serialize};
 pub struct LikelihoodConfig {
     /// The distribution of the latent number ζ.
     pub latent: Latent,
-    /// No standard deviation of a cluster is taken to be smaller [m]: what the map and the laser get wrong together.
+    /// No standard deviation of a cluster is taken to be smaller \[m\]: what the map and the laser get wrong together.
     pub sigma_floor: f64,
-    /// The same for the first steps of a climb [m]: how far off a wall is still found.
+    /// The same for the first steps of a climb \[m\]: how far off a wall is still found.
     pub capture_sigma: f64,
-    /// Uniform latent: standard deviation of the fall-off beyond a segment's ends [m]. Walls go on where they have not
-    /// been seen, so an end says little.
+    /// Uniform latent: standard deviation of the fall-off beyond a segment's ends \[m\]. Walls go on where they have
+    /// not been seen, so an end says little.
     pub end_sigma: f64,
-    /// Density [1/m²] of a point that no cluster explains; no point is less likely than this.
+    /// Density \[1/m²\] of a point that no cluster explains; no point is less likely than this.
     pub outlier_density: f64,
     /// Log-likelihoods are multiplied by this: neighbouring beams do not err independently. 1 in the paper.
     pub temper: f64,
@@ -68,15 +68,15 @@ impl LikelihoodConfig {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 pub struct ClusterParams {
-    /// Mean [m].
+    /// Mean \[m\].
     pub mean: [f32; 2],
     /// Unit vector along the cluster.
     pub direction: [f32; 2],
-    /// Half the length of the part where every place is as likely [m]; 0 for a normal latent.
+    /// Half the length of the part where every place is as likely \[m\]; 0 for a normal latent.
     pub half_length: f32,
-    /// 1 / standard deviation along, beyond that part [1/m].
+    /// 1 / standard deviation along, beyond that part \[1/m\].
     pub along_scale: f32,
-    /// 1 / standard deviation across [1/m].
+    /// 1 / standard deviation across \[1/m\].
     pub across_scale: f32,
     /// ln p at the mean.
     pub log_peak: f32,
@@ -105,7 +105,7 @@ impl ClusterParams {
         }
     }
 
-    /// Half the width and height of the axis-parallel box outside which a point is likelier an outlier [m].
+    /// Half the width and height of the axis-parallel box outside which a point is likelier an outlier \[m\].
     pub fn support(&self, log_outlier: f32) -> [f32; 2] {
         let reach = (2.0 * (self.log_peak - log_outlier)).max(0.0).sqrt();
         let (along, across) = (self.half_length + reach / self.along_scale, reach / self.across_scale);
@@ -144,20 +144,20 @@ pub const TILE: usize = 16;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 pub struct Tile {
-    /// Points in the robot's frame [m]; the last tile repeats its last point.
+    /// Points in the robot's frame \[m\]; the last tile repeats its last point.
     pub x: [f32; TILE],
     /// As `x`.
     pub y: [f32; TILE],
     /// How many of them count.
     pub count: u32,
-    /// Centre of a circle around them [m].
+    /// Centre of a circle around them \[m\].
     pub centre: [f32; 2],
-    /// Its radius [m].
+    /// Its radius \[m\].
     pub radius: f32,
 }
 
 impl Tile {
-    /// No point of it is further from the robot [m].
+    /// No point of it is further from the robot \[m\].
     pub fn reach(&self) -> f64 {
         f64::from(self.centre[0].hypot(self.centre[1]) + self.radius)
     }

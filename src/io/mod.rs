@@ -44,13 +44,13 @@ pub struct LaserReading {
     pub odom_from_robot: Pose,
     /// Where the laser is mounted.
     pub robot_from_laser: Pose,
-    /// Angle of the first beam in the laser's frame [rad].
+    /// Angle of the first beam in the laser's frame \[rad\].
     pub first_angle: f64,
-    /// Angle from one beam to the next [rad], positive counter-clockwise.
+    /// Angle from one beam to the next \[rad\], positive counter-clockwise.
     pub angle_step: f64,
-    /// Ranges at or above this are no return [m]; infinite where the log does not tell.
+    /// Ranges at or above this are no return \[m\]; infinite where the log does not tell.
     pub max_range: f64,
-    /// One range a beam [m], as recorded: may hold NaN, infinite, negative and no-return values.
+    /// One range a beam \[m\], as recorded: may hold NaN, infinite, negative and no-return values.
     pub ranges: Vec<f64>,
 }
 

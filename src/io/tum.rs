@@ -32,7 +32,7 @@ pub fn read(path: &Path) -> Result<Vec<StampedPose>, LogError> {
     Ok(trajectory)
 }
 
-/// Rotation about z [rad] of a quaternion x, y, z, w of any length but none.
+/// Rotation about z \[rad\] of a quaternion x, y, z, w of any length but none.
 fn heading_of_quaternion([x, y, z, w]: [f64; 4]) -> Result<f64, String> {
     if x * x + y * y + z * z + w * w < 1e-6 {
         return Err("the quaternion (columns 5 to 8) has no length".to_owned());

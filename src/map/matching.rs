@@ -9,12 +9,12 @@ use serde::{Deserialize, Serialize};
 pub struct MatchingConfig {
     /// Which rule decides.
     pub rule: MatchingRule,
-    /// Principal components further apart than this are not the same wall [rad]; 60° in the paper.
+    /// Principal components further apart than this are not the same wall \[rad\]; 60° in the paper.
     pub max_angle: f64,
-    /// Paper's rule: pairs further apart than this are not matched [m]. Collinear rule: the lines of a match are at
-    /// most this far apart [m], beyond what the clusters' own thickness explains.
+    /// Paper's rule: pairs further apart than this are not matched \[m\]. Collinear rule: the lines of a match are at
+    /// most this far apart \[m\], beyond what the clusters' own thickness explains.
     pub max_distance: f64,
-    /// Collinear rule: the longest gap between the segments of a match [m].
+    /// Collinear rule: the longest gap between the segments of a match \[m\].
     pub max_gap: f64,
 }
 
@@ -66,7 +66,7 @@ fn greedy(map: &[Cluster], scan: &[Cluster], config: &MatchingConfig) -> Vec<Opt
     matches
 }
 
-/// The metric of III-D [m]. The paper leaves open which "other metric" serves where the centres lie within the sum of
+/// The metric of III-D \[m\]. The paper leaves open which "other metric" serves where the centres lie within the sum of
 /// the principal variances; it is the mean distance of each centre from the other's line, which does not grow along a
 /// wall. Variances are compared as standard deviations: a distance can only be compared with a length.
 pub fn paper_distance(a: &Cluster, b: &Cluster, max_angle: f64) -> f64 {
@@ -88,7 +88,7 @@ fn most_collinear(map: &[Cluster], cluster: &Cluster, config: &MatchingConfig) -
     distance.is_finite().then_some(best)
 }
 
-/// How far two clusters are from lying on one line without a gap [m]; infinite where they are not the same wall.
+/// How far two clusters are from lying on one line without a gap \[m\]; infinite where they are not the same wall.
 pub fn line_distance(a: &Cluster, b: &Cluster, config: &MatchingConfig) -> f64 {
     let (long, short) = if a.along_variance >= b.along_variance { (a, b) } else { (b, a) };
     let half = 3f64.sqrt();

@@ -13,7 +13,7 @@ pub struct MergingConfig {
     pub method: MergingMethod,
     /// An unmatched cluster becomes part of the map only with at least this many points (III-E).
     pub min_points: f64,
-    /// ... and with at most this standard deviation across [m] (III-E).
+    /// ... and with at most this standard deviation across \[m\] (III-E).
     pub max_across: f64,
     /// Map clusters that came to overlap become one, where the union is no thicker than `max_across`.
     pub consolidate: bool,

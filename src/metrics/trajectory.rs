@@ -59,7 +59,7 @@ pub fn reference_errors(reference: &[StampedPose], trajectory: &[StampedPose]) -
 #[derive(Clone, Copy)]
 struct Pair {
     stamp: f64,
-    /// Length of the reference's path up to here [m].
+    /// Length of the reference's path up to here \[m\].
     path: f64,
     reference: Pose,
     found: Pose,

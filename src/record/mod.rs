@@ -39,7 +39,7 @@ pub struct StageTimes {
 pub struct StepReport<'a> {
     /// Steps so far, from 0.
     pub step: u32,
-    /// Stamp of the scan [s].
+    /// Stamp of the scan \[s\].
     pub stamp: f64,
     /// The scan, in the robot's frame.
     pub scan: &'a Scan,

@@ -1,6 +1,6 @@
 //! Driving the tour: the true pose of the robot, step by step.
 //!
-//! In: way-points in the world's frame [m]. Out: `world_from_robot` ten times a second. The robot steers towards a
+//! In: way-points in the world's frame \[m\]. Out: `world_from_robot` ten times a second. The robot steers towards a
 //! carrot that runs ahead of it along the tour, and obeys limits on speed, turn rate and both accelerations; so it
 //! rounds corners smoothly and turns on the spot where the tour turns back.
 
@@ -10,19 +10,19 @@ use std::sync::Arc;
 
 /// Steps a second.
 pub const STEP_RATE: f64 = 10.0;
-/// Speed on a straight [m/s], that of an indoor robot.
+/// Speed on a straight \[m/s\], that of an indoor robot.
 const CRUISE: f64 = 0.9;
-/// Speed gained or lost in a second [m/s²].
+/// Speed gained or lost in a second \[m/s²\].
 const ACCELERATION: f64 = 0.8;
-/// Fastest turn [rad/s].
+/// Fastest turn \[rad/s\].
 const TURN_RATE: f64 = 1.0;
-/// Turn rate gained or lost in a second [rad/s²].
+/// Turn rate gained or lost in a second \[rad/s²\].
 const TURN_ACCELERATION: f64 = 3.0;
-/// Turn rate asked for per heading error [1/s].
+/// Turn rate asked for per heading error \[1/s\].
 const TURN_GAIN: f64 = 1.5;
-/// How far the carrot runs ahead [m].
+/// How far the carrot runs ahead \[m\].
 const LOOKAHEAD: f64 = 0.6;
-/// How finely the carrot moves [m].
+/// How finely the carrot moves \[m\].
 const CARROT_STEP: f64 = 0.02;
 
 /// One step of the robot: where it got to and what it did to get there.
@@ -30,9 +30,9 @@ const CARROT_STEP: f64 = 0.02;
 pub struct Step {
     /// Pose after the step.
     pub world_from_robot: Pose,
-    /// Length of the arc driven in the step [m].
+    /// Length of the arc driven in the step \[m\].
     pub distance: f64,
-    /// Change of heading along that arc [rad].
+    /// Change of heading along that arc \[rad\].
     pub turn: f64,
 }
 
@@ -44,7 +44,7 @@ pub struct Drive {
     next: Option<Step>,
     speed: f64,
     turn_rate: f64,
-    /// The carrot is this far [m] along the leg that begins at this way-point.
+    /// The carrot is this far \[m\] along the leg that begins at this way-point.
     leg: usize,
     along: f64,
 }
@@ -106,7 +106,7 @@ impl Iterator for Drive {
     }
 }
 
-/// The motion along an arc: `distance` [m] driven while the heading turns by `turn` [rad] at a constant rate.
+/// The motion along an arc: `distance` \[m\] driven while the heading turns by `turn` \[rad\] at a constant rate.
 pub fn arc(distance: f64, turn: f64) -> Pose {
     let half = 0.5 * turn;
     let chord = if half.abs() < 1e-9 { distance } else { distance * half.sin() / half };

@@ -1,7 +1,7 @@
 //! What the laser says: the distance to the nearest wall in every beam, with noise, gaps and people in the way.
 //!
-//! In: the world and the robot's pose in it. Out: one range a beam [m], in whole millimetres, `max_range` for no return.
-//! The sweep is taken at one instant: the robot's motion during it is not simulated.
+//! In: the world and the robot's pose in it. Out: one range a beam \[m\], in whole millimetres, `max_range` for no
+//! return. The sweep is taken at one instant: the robot's motion during it is not simulated.
 
 use super::world::World;
 use crate::geometry::Pose;
@@ -10,9 +10,9 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-/// Radius of a person [m].
+/// Radius of a person \[m\].
 const PERSON_RADIUS: f64 = 0.2;
-/// How near and how far people stand [m].
+/// How near and how far people stand \[m\].
 const PERSON_DISTANCE: std::ops::Range<f64> = 0.8..4.0;
 
 /// The laser and its errors. The defaults are those of a SICK LMS that looks ahead over half a circle.
@@ -20,11 +20,11 @@ const PERSON_DISTANCE: std::ops::Range<f64> = 0.8..4.0;
 pub struct Laser {
     /// Beams of a sweep, from 2 to 100 000; the first and the last lie on the edges of the field of view.
     pub beams: usize,
-    /// Field of view [rad], above 0, at most 2π, centred on the laser's x axis.
+    /// Field of view \[rad\], above 0, at most 2π, centred on the laser's x axis.
     pub field_of_view: f64,
-    /// Longest range [m], also what a beam without return reports.
+    /// Longest range \[m\], also what a beam without return reports.
     pub max_range: f64,
-    /// Standard deviation of a range [m].
+    /// Standard deviation of a range \[m\].
     pub range_noise: f64,
     /// Share of the beams that get no return.
     pub dropouts: f64,
@@ -49,12 +49,12 @@ impl Default for Laser {
 }
 
 impl Laser {
-    /// Angle of the first beam in the laser's frame [rad].
+    /// Angle of the first beam in the laser's frame \[rad\].
     pub fn first_angle(&self) -> f64 {
         -0.5 * self.field_of_view
     }
 
-    /// Angle from one beam to the next [rad].
+    /// Angle from one beam to the next \[rad\].
     pub fn angle_step(&self) -> f64 {
         self.field_of_view / (self.beams - 1) as f64
     }

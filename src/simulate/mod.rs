@@ -2,7 +2,7 @@
 //!
 //! | part | what it is |
 //! |---|---|
-//! | [`Plan`] | a floor plan and a tour: [`building`] is built in, [`random_offices`] draws one of any size |
+//! | [`Plan`] | a floor plan and a tour: [`building()`] is built in, [`random_offices`] draws one of any size |
 //! | [`World`] | the walls, and exact ray casting against them |
 //! | [`Step`] | the true motion, ten steps a second |
 //! | [`OdometryNoise`] | true motion to reported motion |

@@ -17,13 +17,13 @@ pub struct OdometryNoise {
     pub distance_bias: f64,
     /// b₂: share by which turns come out too large; may be negative.
     pub turn_bias: f64,
-    /// b₃: turn reported per metre driven straight [rad/m]; may be negative.
+    /// b₃: turn reported per metre driven straight \[rad/m\]; may be negative.
     pub veer: f64,
-    /// s₁: spread of the distance after one metre [m/√m].
+    /// s₁: spread of the distance after one metre \[m/√m\].
     pub distance_spread: f64,
-    /// s₂: spread of the turn after turning by one radian [rad/√rad].
+    /// s₂: spread of the turn after turning by one radian \[rad/√rad\].
     pub turn_spread: f64,
-    /// s₃: spread of the turn after one metre [rad/√m].
+    /// s₃: spread of the turn after one metre \[rad/√m\].
     pub veer_spread: f64,
 }
 
@@ -53,7 +53,7 @@ impl OdometryNoise {
         }
     }
 
-    /// One reading of a step: (distance [m], turn [rad]).
+    /// One reading of a step: (distance \[m\], turn \[rad\]).
     pub(super) fn measure(&self, step: &Step, rng: &mut ChaCha8Rng) -> (f64, f64) {
         let distance_variance = self.distance_spread.powi(2) * step.distance.abs();
         let turn_variance = self.turn_spread.powi(2) * step.turn.abs() + self.veer_spread.powi(2) * step.distance.abs();

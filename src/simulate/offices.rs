@@ -8,13 +8,13 @@ use super::{SimulationError, generator};
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 
-/// Width of the corridors [m].
+/// Width of the corridors \[m\].
 const CORRIDOR: f64 = 2.3;
-/// Least mean width and height of the blocks [m]; single blocks may be a quarter smaller.
+/// Least mean width and height of the blocks \[m\]; single blocks may be a quarter smaller.
 const BLOCK: [f64; 2] = [10.5, 9.5];
-/// How far into a room the tour leads [m].
+/// How far into a room the tour leads \[m\].
 const VISIT: f64 = 1.5;
-/// Shortest and longest side of a building [m]: one block, and what fits into some hundred megabytes.
+/// Shortest and longest side of a building \[m\]: one block, and what fits into some hundred megabytes.
 const SIDES: std::ops::RangeInclusive<f64> = 16.0..=1000.0;
 
 /// A room that the robot may look into: where the door is and how far in to go.

@@ -3,11 +3,11 @@
 use super::world::Wall;
 use nalgebra::{Point2, Rotation2, Vector2};
 
-/// Thickness of a partition [m].
+/// Thickness of a partition \[m\].
 const THICKNESS: f64 = 0.15;
-/// Width of a door [m].
+/// Width of a door \[m\].
 const DOOR: f64 = 0.96;
-/// Length of one straight piece of a curved partition [m].
+/// Length of one straight piece of a curved partition \[m\].
 const PIECE: f64 = 0.3;
 
 /// The walls of a building and a way through it. Metres, in the world's frame.
@@ -22,11 +22,11 @@ pub struct Plan {
 /// A gap in a partition.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Door {
-    /// Distance of the gap's middle from the partition's start [m].
+    /// Distance of the gap's middle from the partition's start \[m\].
     pub at: f64,
-    /// Width of the gap [m].
+    /// Width of the gap \[m\].
     pub width: f64,
-    /// Angle of the leaf [rad]: 0 closes the gap, positive swings to the left of the partition; `None` without leaf.
+    /// Angle of the leaf \[rad\]: 0 closes the gap, positive swings to the left of the partition; `None` without leaf.
     pub leaf: Option<f64>,
 }
 
@@ -78,7 +78,7 @@ impl Plan {
         self.outline(&[from - across, to - across, to + across, from + across]);
     }
 
-    /// A partition bent along a circle, from one angle to another [rad], both faces.
+    /// A partition bent along a circle, from one angle to another \[rad\], both faces.
     pub(super) fn bent_partition(&mut self, centre: [f64; 2], radius: f64, from: f64, to: f64) {
         for radius in [radius - THICKNESS / 2.0, radius + THICKNESS / 2.0] {
             self.arc(centre, radius, from, to);

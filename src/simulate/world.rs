@@ -1,19 +1,19 @@
 //! Where the robot is: walls, and how far a beam flies before it meets one.
 //!
-//! In: straight walls and a ray in the world's frame [m]. Out: the distance to the nearest wall, exact against every
+//! In: straight walls and a ray in the world's frame \[m\]. Out: the distance to the nearest wall, exact against every
 //! wall. A uniform grid over the walls lets a beam test only those that it passes near (Amanatides and Woo, A fast
 //! voxel traversal algorithm for ray tracing, Eurographics 1987).
 
 use nalgebra::{Point2, Vector2};
 
-/// Side of a grid cell [m], unless the world is so wide that this would take too many cells.
+/// Side of a grid cell \[m\], unless the world is so wide that this would take too many cells.
 const CELL: f64 = 1.0;
 /// Most cells along one side of the grid; bounds it to about a million cells, some megabytes.
 const MOST_CELLS: f64 = 1000.0;
-/// Slack for a wall that touches a cell's border [m], so that rounding leaves no gap between cells.
+/// Slack for a wall that touches a cell's border \[m\], so that rounding leaves no gap between cells.
 const SLACK: f64 = 1e-6;
 
-/// One straight surface that a laser sees, from `a` to `b`, in the world's frame [m].
+/// One straight surface that a laser sees, from `a` to `b`, in the world's frame \[m\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wall {
     /// One end.
@@ -70,8 +70,8 @@ impl World {
         &self.walls
     }
 
-    /// Distance [m] from a point along a direction (of length one) to the nearest wall, or `None` where there is none
-    /// below `max_range` [m].
+    /// Distance \[m\] from a point along a direction (of length one) to the nearest wall, or `None` where there is none
+    /// below `max_range` \[m\].
     pub fn cast(&self, from: Point2<f64>, direction: Vector2<f64>, max_range: f64) -> Option<f64> {
         let (enter, leave) = self.clip(from, direction)?;
         let leave = leave.min(max_range);

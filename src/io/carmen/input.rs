@@ -6,7 +6,7 @@ use std::io::{self, BufRead, BufReader, Cursor, Read};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Longer lines are not kept [bytes]; a sweep of a thousand beams has about ten thousand.
+/// Longer lines are not kept \[bytes\]; a sweep of a thousand beams has about ten thousand.
 pub(super) const MAX_LINE: u64 = 1 << 20;
 
 const BUFFER: usize = 1 << 16;

@@ -14,12 +14,12 @@ const REAR: usize = 1;
 const TAIL: usize = 3;
 const POSE: usize = 3;
 
-/// No robot turned further [rad]; larger numbers are damage, and lose digits when they are wrapped.
+/// No robot turned further \[rad\]; larger numbers are damage, and lose digits when they are wrapped.
 const LARGEST_ANGLE: f64 = 1e6;
 
-/// Longest part of a word that an error message shows [bytes].
+/// Longest part of a word that an error message shows \[bytes\].
 const SHOWN: usize = 32;
-/// Longest name of a message [bytes].
+/// Longest name of a message \[bytes\].
 const LONGEST_NAME: usize = 32;
 
 /// What a line says.
@@ -70,7 +70,7 @@ pub(super) struct Param {
     pub(super) value: f64,
 }
 
-/// What a parameter sets: mounting in the robot's frame [m], [rad], or maximum range [m].
+/// What a parameter sets: mounting in the robot's frame \[m\], \[rad\], or maximum range \[m\].
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Setting {
     Forward,

@@ -17,7 +17,7 @@ const TRAIL_PIECE: usize = 64;
 const ELLIPSES_EVERY: u32 = 10;
 /// Corners of the polygon that stands for an ellipse.
 const ELLIPSE_CORNERS: u32 = 16;
-/// Length of the robot's arrow [m].
+/// Length of the robot's arrow \[m\].
 const ARROW: f64 = 1.0;
 
 /// What is remembered from step to step.
@@ -25,7 +25,7 @@ pub(super) struct Recorder {
     stream: RecordingStream,
     step: u32,
     first_stamp: Option<f64>,
-    /// On the timeline of time [s].
+    /// On the timeline of time \[s\].
     time: f64,
     world_from_odom: Option<Pose>,
     trajectory: Trail,

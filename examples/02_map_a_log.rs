@@ -1,0 +1,45 @@
+//! A log in, a map out: `cargo run --release --example 02_map_a_log [LOG]`.
+//!
+//! Maps a CARMEN log, or a simulated drive where none is given; prints the longest walls and writes `map.svg`.
+
+use ipslam::config::Config;
+use ipslam::io::carmen::CarmenLog;
+use ipslam::io::{LogSource, write_whole};
+use ipslam::picture::{Line, Picture};
+use ipslam::simulate::Simulation;
+use ipslam::slam::Slam;
+use ipslam::smoothing::smooth;
+use std::path::Path;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let log: Box<dyn LogSource> = match std::env::args_os().nth(1) {
+        Some(path) => Box::new(CarmenLog::new(path)),
+        None => Box::new(Simulation::building(1)),
+    };
+    let config = Config { particles: 32, maps: 32, ..Config::default() };
+
+    let mut slam = Slam::new(config);
+    for entry in log.open()? {
+        slam.add(&entry?, &mut |report| {
+            if report.step % 50 == 0 {
+                eprintln!("{:7.1} s: {} clusters", report.stamp, report.map.len());
+            }
+        });
+    }
+    let mut result = slam.finish();
+    smooth(&*log, &mut result, &config)?;
+
+    result.map.sort_by(|a, b| b.length().total_cmp(&a.length()));
+    println!("{} clusters; the longest:", result.map.len());
+    for cluster in result.map.iter().take(10) {
+        let [from, to] = cluster.endpoints();
+        println!("{:5.1} m from ({:.2}, {:.2}) to ({:.2}, {:.2})", cluster.length(), from.x, from.y, to.x, to.y);
+    }
+    let picture = Picture::new(log.name())
+        .trajectory("odometry", Line::ODOMETRY, &result.odometry)
+        .trajectory("robot", Line::ESTIMATE, &result.trajectory)
+        .clusters(&result.map);
+    write_whole(Path::new("map.svg"), |file| file.write_all(picture.to_svg().as_bytes()))?;
+    println!("map.svg is written");
+    Ok(())
+}
