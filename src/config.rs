@@ -101,7 +101,7 @@ impl Config {
             particles: 201,
             maps: 201,
             clustering: ClusteringConfig {
-                min_points: 5,
+                min_points: 10,
                 max_across: f64::INFINITY,
                 max_gap: f64::INFINITY,
                 ..ClusteringConfig::default()
@@ -110,9 +110,9 @@ impl Config {
             proposal: ProposalConfig { iterations: 0, spread: 1.0, tracking_starts: 0 },
             likelihood: LikelihoodConfig {
                 latent: Latent::Normal,
-                sigma_floor: 0.01,
-                capture_sigma: 0.01,
-                end_sigma: 0.01,
+                sigma_floor: 0.05,
+                capture_sigma: 0.05,
+                end_sigma: 0.05,
                 outlier_density: 1e-8,
                 temper: 1.0,
                 max_points: u32::MAX as usize,
@@ -125,8 +125,8 @@ impl Config {
             },
             merging: MergingConfig {
                 method: MergingMethod::Incremental,
-                min_points: 10.0,
-                max_across: 0.1,
+                min_points: 20.0,
+                max_across: 0.15,
                 consolidate: false,
                 cluster_cost: 0.0,
                 min_sightings: 0,
@@ -225,6 +225,10 @@ impl Config {
             let expected = format!("a multiple of the number of maps, which is {maps}: {fewer} or {more}");
             return Err(ConfigError::value("particles (option --particles)", particles, expected));
         }
+        if self.filter.weigh_merged_map && particles != maps {
+            let expected = format!("the number of maps, which is {maps}, where filter.weigh_merged_map is set");
+            return Err(ConfigError::value("particles (option --particles)", particles, expected));
+        }
         check_numbers("", &self.to_table()?)?;
         let ScanConfig { min_range, max_range } = self.scan;
         if min_range >= max_range {
@@ -304,6 +308,12 @@ mod tests {
         expected.likelihood.temper = 0.5;
         assert_eq!(config, expected);
         assert_eq!(Config::paper().with_toml("").unwrap(), Config::paper());
+    }
+
+    #[test]
+    fn a_map_weighed_after_merging_has_one_pose() {
+        let message = Config { particles: 402, ..Config::paper() }.validate().unwrap_err().to_string();
+        assert!(message.contains("is 402, but has to be the number of maps, which is 201"), "{message}");
     }
 
     #[test]

@@ -192,8 +192,10 @@ impl Slam {
 
     /// Follows the robot from scan to scan in the best map: odometry, corrected by matching the scan.
     fn track(&mut self, odom_from_robot: Pose, tiles: &[Tile]) {
-        let last_odometry = self.last_odometry.replace(odom_from_robot).unwrap_or(odom_from_robot);
-        let since = Motion::from_odometry(last_odometry, odom_from_robot, &self.config.motion);
+        let since = match self.last_odometry.replace(odom_from_robot) {
+            Some(last) => Motion::from_odometry(last, odom_from_robot, &self.config.motion),
+            None => Motion::none(),
+        };
         self.by_odometry = self.by_odometry.then(&since);
         self.tracked = self.tracked.then(&since);
         let starts = self.config.proposal.tracking_starts;

@@ -42,7 +42,7 @@ impl Default for LikelihoodConfig {
         Self {
             latent: Latent::Uniform,
             sigma_floor: 0.03,
-            capture_sigma: 0.1,
+            capture_sigma: 0.15,
             end_sigma: 0.1,
             outlier_density: 0.01,
             temper: 0.05,

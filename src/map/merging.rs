@@ -114,7 +114,7 @@ pub fn merge_scan(
             entry.entry.last_step = step;
             entry.state = State::Changed;
         } else if cluster.count >= config.min_points && cluster.across_variance <= config.max_across.powi(2) {
-            let entry = MapCluster { cluster: *cluster, first_step: step, last_step: step, sightings: 1 };
+            let entry = MapCluster { cluster: *cluster, last_step: step, sightings: 1 };
             entries.push(Entry { slot: None, entry, state: State::Changed });
         }
     }
@@ -152,7 +152,7 @@ pub fn consolidated(map: &[Cluster], matching: &MatchingConfig, config: &Merging
     let mut entries: Vec<Entry> = map
         .iter()
         .map(|&cluster| {
-            let entry = MapCluster { cluster, first_step: 0, last_step: 0, sightings: 0 };
+            let entry = MapCluster { cluster, last_step: 0, sightings: 0 };
             Entry { slot: None, entry, state: State::Changed }
         })
         .collect();
@@ -180,7 +180,6 @@ fn consolidate(entries: &mut [Entry], matching: &MatchingConfig, config: &Mergin
             if union.across_variance <= config.max_across.powi(2) {
                 entries[i].entry = MapCluster {
                     cluster: union,
-                    first_step: a.first_step.min(b.first_step),
                     last_step: a.last_step.max(b.last_step),
                     sightings: a.sightings.max(b.sightings),
                 };

@@ -13,8 +13,6 @@ pub mod merging;
 pub struct MapCluster {
     /// The cluster, in the world's frame.
     pub cluster: Cluster,
-    /// The step that first saw it.
-    pub first_step: u32,
     /// The step that last saw it.
     pub last_step: u32,
     /// How many steps saw it.
