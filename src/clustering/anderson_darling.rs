@@ -8,7 +8,7 @@
 /// Critical values: 0.631 (10 %), 0.752 (5 %), 0.873 (2.5 %), 1.035 (1 %). Fewer than three values, or values that are
 /// all equal, give 0: nothing speaks against normality. The values are sorted in place.
 pub fn corrected_statistic(values: &mut [f64]) -> f64 {
-    let n = values.len() as f64;
+    let n = values.len().max(1) as f64;
     statistic(values) * (1.0 + 0.75 / n + 2.25 / (n * n))
 }
 

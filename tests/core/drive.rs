@@ -1,0 +1,119 @@
+//! The whole filter on the first minute of a simulated drive, against the true path.
+
+use ipslam::config::Config;
+use ipslam::geometry::{Pose, StampedPose};
+use ipslam::io::{LogEntry, LogSource};
+use ipslam::metrics::trajectory::reference_errors;
+use ipslam::record::RunResult;
+use ipslam::simulate::{Simulation, SimulationConfig, building};
+use ipslam::slam::Slam;
+use ipslam::smoothing::smooth;
+
+const SEED: u64 = 1;
+
+fn simulation(seconds: f64) -> Simulation {
+    let config = SimulationConfig { seed: SEED, duration: Some(seconds), ..SimulationConfig::default() };
+    Simulation::new("building".to_owned(), building(), config).unwrap()
+}
+
+fn few_maps() -> Config {
+    Config { maps: 8, particles: 8, ..Config::default() }
+}
+
+fn run(simulation: &Simulation, config: Config) -> RunResult {
+    let mut slam = Slam::new(config);
+    for entry in simulation.open().unwrap() {
+        slam.add(&entry.unwrap(), &mut |_| {});
+    }
+    slam.finish()
+}
+
+/// The true poses, seen from the first: the frame of the filter.
+fn truth(simulation: &Simulation) -> Vec<StampedPose> {
+    let truth: Vec<_> = simulation.truth().collect();
+    let first = truth[0].pose;
+    truth.into_iter().map(|StampedPose { stamp, pose }| StampedPose { stamp, pose: pose.seen_from(first) }).collect()
+}
+
+/// The greatest distance of a trajectory from the truth, with no alignment [m].
+fn farthest_off(trajectory: &[StampedPose], truth: &[StampedPose]) -> f64 {
+    let off = truth.iter().map(|truth| {
+        let at = trajectory.iter().rev().find(|found| found.stamp == truth.stamp).unwrap();
+        (at.pose.position() - truth.pose.position()).norm()
+    });
+    off.fold(0.0, f64::max)
+}
+
+fn absolute_error(trajectory: &[StampedPose], truth: &[StampedPose]) -> f64 {
+    reference_errors(truth, trajectory).absolute.unwrap().rmse
+}
+
+#[test]
+fn a_minute_in_the_building_stays_close_to_the_truth() {
+    const ALLOWED: f64 = 0.1;
+    let simulation = simulation(60.0);
+    let truth = truth(&simulation);
+    let mut result = run(&simulation, few_maps());
+    let readings = simulation.open().unwrap().filter(|entry| !matches!(entry, Ok(LogEntry::Truth { .. }))).count();
+    assert_eq!((result.trajectory.len(), result.odometry.len()), (readings, readings));
+
+    let (filter, before) = (farthest_off(&result.trajectory, &truth), absolute_error(&result.trajectory, &truth));
+    let start = result.odometry[0].pose;
+    let odometry: Vec<_> =
+        result.odometry.iter().map(|o| StampedPose { pose: o.pose.seen_from(start), ..*o }).collect();
+    let by_odometry = farthest_off(&odometry, &truth);
+    println!("seed {SEED}: filter at most {filter:.3} m off, odometry {by_odometry:.3} m");
+    assert!(filter < ALLOWED, "seed {SEED}: {filter} m off");
+    assert!(by_odometry > ALLOWED, "odometry alone would pass");
+    let mut wrong = result.trajectory.clone();
+    let middle = wrong.len() / 2;
+    // A few readings, so that one of the laser is among them: the truth is known at those.
+    wrong[middle..middle + 4].iter_mut().for_each(|found| found.pose = found.pose * Pose::new(0.2, 0.0, 0.0));
+    assert!(farthest_off(&wrong, &truth) > ALLOWED, "a wrong pose goes unnoticed");
+
+    let clusters = result.map.len();
+    smooth(&simulation, &mut result, &few_maps()).unwrap();
+    let after = absolute_error(&result.trajectory, &truth);
+    println!("seed {SEED}: ATE {before:.4} m, smoothed {after:.4} m; {clusters} clusters, then {}", result.map.len());
+    assert!(after < 1.05 * before, "seed {SEED}: smoothing made {after} m of {before} m");
+    assert!((1..=clusters).contains(&result.map.len()));
+    assert_eq!(result.trajectory.len(), readings);
+}
+
+#[test]
+fn the_papers_filter_runs_to_the_end() {
+    let simulation = simulation(10.0);
+    let config = Config { particles: 20, maps: 20, ..Config::paper() };
+    let mut steps = 0;
+    let mut slam = Slam::new(config);
+    for entry in simulation.open().unwrap() {
+        slam.add(&entry.unwrap(), &mut |report| {
+            steps += 1;
+            let weights: f64 = report.particles.iter().map(|particle| particle.weight).sum();
+            assert!((weights - 1.0).abs() < 1e-9 && report.particles.len() == 20 && report.resampled);
+            assert!((1.0 - 1e-9..20.0 + 1e-9).contains(&report.effective_sample_size));
+        });
+    }
+    let result = slam.finish();
+    assert_eq!(steps, simulation.sweeps(), "a step every scan");
+    assert!(result.trajectory.iter().all(|stamped| stamped.pose.is_finite()) && !result.map.is_empty());
+}
+
+/// Random numbers depend on what they are for, not on who draws them.
+#[test]
+fn threads_change_nothing() {
+    let simulation = simulation(15.0);
+    let with_threads = |threads: usize, seed: u64| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let config = Config { seed, ..few_maps() };
+            let mut result = run(&simulation, config);
+            smooth(&simulation, &mut result, &config).unwrap();
+            result
+        })
+    };
+    let same = |a: &RunResult, b: &RunResult| a.trajectory == b.trajectory && a.map == b.map;
+    let one = with_threads(1, 1);
+    assert!(same(&one, &with_threads(2, 1)), "two threads change the result");
+    assert!(!same(&one, &with_threads(2, 2)), "the seed has no effect");
+}

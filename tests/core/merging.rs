@@ -1,0 +1,192 @@
+//! Merging of clusters (III-E): incremental PCA against PCA, and what becomes part of a map.
+
+use crate::{normals, wall};
+use ipslam::config::Config;
+use ipslam::map::MapCluster;
+use ipslam::map::matching::MatchingConfig;
+use ipslam::map::merging::{MergingConfig, MergingMethod, consolidated, merge, merge_scan};
+use ipslam::ppca::Cluster;
+use nalgebra::{Point2, Vector2};
+use proptest::prelude::*;
+
+const SEED: u64 = 51;
+const BATCHES: usize = 500;
+const BATCH: usize = 20;
+/// The Gaussian that the batches are drawn from: angle [rad] and standard deviations [m].
+const ANGLE: f64 = 0.6;
+const ALONG: f64 = 1.0;
+const ACROSS: f64 = 0.1;
+
+/// Points of the Gaussian around (3, -4).
+fn gaussian(count: usize) -> Vec<Point2<f64>> {
+    let (u, v) = (Vector2::new(ANGLE.cos(), ANGLE.sin()), Vector2::new(-ANGLE.sin(), ANGLE.cos()));
+    let numbers: Vec<f64> = normals(SEED).take(2 * count).collect();
+    numbers.chunks(2).map(|z| Point2::new(3.0, -4.0) + u * (ALONG * z[0]) + v * (ACROSS * z[1])).collect()
+}
+
+/// Whether a cluster's principal component is that of the Gaussian, within five standard errors of `count` points:
+/// σ₁σ₂/((σ₁² - σ₂²)√n) of the angle, σ₁²√(2/n) of the variance along. The variance across is allowed the same, because
+/// incremental PCA knows it only as the total variance less that along.
+fn check(cluster: &Cluster, count: f64) -> Result<(), String> {
+    let normal = Vector2::new(-ANGLE.sin(), ANGLE.cos());
+    let angle = cluster.direction.dot(&normal).abs();
+    let angle_error = 5.0 * ALONG * ACROSS / (ALONG * ALONG - ACROSS * ACROSS) / count.sqrt();
+    let along = (cluster.along_variance / (ALONG * ALONG) - 1.0).abs();
+    let across = (cluster.across_variance - ACROSS * ACROSS).abs() / (ALONG * ALONG);
+    let variance_error = 5.0 * (2.0 / count).sqrt();
+    let report = format!(
+        "seed {SEED}: angle {angle} of {angle_error}, variance along {along} and across {across} of {variance_error}"
+    );
+    println!("{report}");
+    if angle < angle_error && along < variance_error && across < variance_error { Ok(()) } else { Err(report) }
+}
+
+/// Eq. 16 tends to the principal component, from a start half a radian off.
+#[test]
+fn incremental_pca_converges_to_pca() {
+    let points = gaussian(BATCHES * BATCH);
+    let mut batches = points.chunks(BATCH).map(|batch| Cluster::fit(batch.iter().copied()).unwrap());
+    let first = batches.next().unwrap();
+    let off = ANGLE + 0.5;
+    let mut merged = Cluster { direction: Vector2::new(off.cos(), off.sin()), ..first };
+    let after_one = merge(&merged, &first, MergingMethod::Incremental);
+    for batch in batches {
+        merged = merge(&merged, &batch, MergingMethod::Incremental);
+    }
+    let whole = Cluster::fit(points.iter().copied()).unwrap();
+    assert_eq!(merged.count, whole.count);
+    assert!((merged.mean - whole.mean).norm() < 1e-9);
+    check(&whole, whole.count).unwrap();
+    check(&merged, whole.count).unwrap();
+    assert!(check(&after_one, whole.count).is_err(), "one batch is not enough");
+}
+
+/// Eq. 16 with a cluster of one point, m being the number of points with it.
+#[test]
+fn one_point_is_merged_as_in_equation_16() {
+    let old = Cluster {
+        mean: Point2::new(1.0, 2.0),
+        direction: Vector2::new(0.8, 0.6),
+        along_variance: 2.0,
+        across_variance: 0.1,
+        count: 9.0,
+    };
+    let z = Point2::new(3.0, 2.5);
+    let merged = merge(&old, &Cluster::fit([z]).unwrap(), MergingMethod::Incremental);
+    let (m, mean) = (10.0, (old.mean.coords * 9.0 + z.coords) / 10.0);
+    let offset = z.coords - mean;
+    let v = old.direction * (old.along_variance * (m - 1.0) / m) + offset * offset.dot(&old.direction) / m;
+    assert!((merged.mean.coords - mean).norm() < 1e-12, "{merged:?}");
+    assert!((merged.direction * merged.along_variance - v).norm() < 1e-12, "{merged:?}, v = {v}");
+    assert!((merged.direction.norm() - 1.0).abs() < 1e-12 && merged.count == m);
+}
+
+fn points() -> impl Strategy<Value = Vec<Point2<f64>>> {
+    proptest::collection::vec((-5.0..5.0, -2.0..2.0).prop_map(|(x, y)| Point2::new(x, x - y)), 1..40)
+}
+
+proptest! {
+    #[test]
+    fn merged_moments_are_those_of_all_points(a in points(), b in points(), shift in 0.01..1.0f64) {
+        let fit = |points: &[Point2<f64>]| Cluster::fit(points.iter().copied()).unwrap();
+        let whole = fit(&[a.clone(), b.clone()].concat());
+        let merged = merge(&fit(&a), &fit(&b), MergingMethod::Moments);
+        let apart = |x: &Cluster| (x.mean - whole.mean).norm() + (x.covariance() - whole.covariance()).norm();
+        prop_assert!(apart(&merged) < 1e-9 && (merged.count - whole.count).abs() < 1e-12, "{:?} {:?}", merged, whole);
+
+        let moved: Vec<_> = b.iter().map(|p| p + Vector2::new(shift, 0.0)).collect();
+        prop_assert!(apart(&merge(&fit(&a), &fit(&moved), MergingMethod::Moments)) > 1e-9);
+    }
+}
+
+fn configs() -> [(MatchingConfig, MergingConfig); 2] {
+    [Config::default(), Config::paper()].map(|config| (config.matching, config.merging))
+}
+
+#[test]
+fn only_well_supported_thin_clusters_are_added() {
+    for (matching, merging) in configs() {
+        let with = |across: f64, count: f64| wall([0.0, 0.0], [2.0, 0.0], across, count);
+        for (cluster, added) in [
+            (with(0.9 * merging.max_across, merging.min_points), true),
+            (with(0.9 * merging.max_across, merging.min_points - 1.0), false),
+            (with(1.1 * merging.max_across, merging.min_points), false),
+        ] {
+            let change = merge_scan(&[], &[cluster], 7, &matching, &merging);
+            let expected = MapCluster { cluster, first_step: 7, last_step: 7, sightings: 1 };
+            assert_eq!(change.added, if added { vec![expected] } else { vec![] }, "{merging:?}");
+            assert!(change.removed.is_empty());
+        }
+    }
+}
+
+#[test]
+fn a_match_replaces_the_old_cluster_and_leaves_others_alone() {
+    for (matching, merging) in configs() {
+        let old = wall([0.0, 0.0], [2.0, 0.0], 0.01, 50.0);
+        let other = wall([0.0, 5.0], [2.0, 5.0], 0.01, 50.0);
+        let entry = |cluster| MapCluster { cluster, first_step: 2, last_step: 6, sightings: 4 };
+        let new = wall([0.5, 0.01], [2.5, 0.01], 0.01, 40.0);
+        let change = merge_scan(&[(3, entry(old)), (8, entry(other))], &[new], 7, &matching, &merging);
+        assert_eq!(change.removed, [3]);
+        let cluster = merge(&old, &new, merging.method);
+        assert_eq!(change.added, [MapCluster { cluster, first_step: 2, last_step: 7, sightings: 5 }]);
+    }
+}
+
+#[test]
+fn consolidation_joins_what_is_one_wall() {
+    let Config { matching, merging, .. } = Config::default();
+    let half = wall([0.0, 0.0], [2.0, 0.0], 0.01, 50.0);
+    for (other, joined, what) in [
+        (wall([2.1, 0.0], [4.0, 0.0], 0.01, 50.0), true, "the other half"),
+        (wall([0.5, 0.02], [1.5, 0.02], 0.01, 20.0), true, "a part of it"),
+        (wall([0.0, 0.3], [2.0, 0.3], 0.01, 50.0), false, "a parallel wall"),
+        (wall([1.0, -1.0], [1.0, 1.0], 0.01, 50.0), false, "a crossing wall"),
+        (wall([2.5, 0.0], [4.0, 0.0], 0.01, 50.0), false, "a wall behind a gap"),
+    ] {
+        let map = consolidated(&[half, other], &matching, &merging);
+        if joined {
+            let [union] = map[..] else { panic!("{what}: {map:?}") };
+            let expected = merge(&half, &other, MergingMethod::Moments);
+            assert!((union.mean - expected.mean).norm() < 1e-12 && union.count == expected.count, "{what}: {union:?}");
+        } else {
+            assert_eq!(map, [half, other], "{what}");
+        }
+        let off = MergingConfig { consolidate: false, ..merging };
+        assert_eq!(consolidated(&[half, other], &matching, &off), [half, other], "{what}, switched off");
+    }
+}
+
+/// A scan that sees the doorway closed makes one wall of two.
+#[test]
+fn a_scan_joins_two_halves_of_the_map() {
+    let Config { matching, merging, .. } = Config::default();
+    let halves = [wall([0.0, 0.0], [2.0, 0.0], 0.01, 50.0), wall([3.0, 0.0], [5.0, 0.0], 0.01, 50.0)];
+    let near: Vec<_> = (0..)
+        .zip(halves)
+        .map(|(slot, cluster)| (slot, MapCluster { cluster, first_step: slot, last_step: 5, sightings: 4 }))
+        .collect();
+    let between = wall([1.8, 0.0], [3.2, 0.0], 0.01, 30.0);
+    let mut change = merge_scan(&near, &[between], 6, &matching, &merging);
+    change.removed.sort_unstable();
+    assert_eq!(change.removed, [0, 1]);
+    let [joined] = change.added[..] else { panic!("{:?}", change.added) };
+    assert_eq!((joined.cluster.count, joined.first_step, joined.last_step), (130.0, 0, 6));
+}
+
+#[test]
+fn what_was_hardly_seen_is_dropped_with_age() {
+    let Config { matching, merging, .. } = Config::default();
+    let cluster = wall([0.0, 0.0], [2.0, 0.0], 0.01, 50.0);
+    for (sightings, step, dropped) in [
+        (merging.min_sightings - 1, 10 + merging.clutter_age, false),
+        (merging.min_sightings - 1, 11 + merging.clutter_age, true),
+        (merging.min_sightings, 11 + merging.clutter_age, false),
+    ] {
+        let entry = MapCluster { cluster, first_step: 9, last_step: 10, sightings };
+        let change = merge_scan(&[(4, entry)], &[], step, &matching, &merging);
+        assert_eq!(change.removed, if dropped { vec![4] } else { vec![] }, "{sightings} sightings, step {step}");
+        assert!(change.added.is_empty());
+    }
+}

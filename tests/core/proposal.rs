@@ -1,0 +1,126 @@
+//! Scan matching in a room that is known, and draws from the Laplace approximation.
+
+use crate::{uniforms, wall};
+use ipslam::evaluator::cpu::LocalMap;
+use ipslam::evaluator::layout::{LikelihoodConfig, Tile, tiles};
+use ipslam::geometry::Pose;
+use ipslam::proposal::{Mode, Prior, Surroundings, draw};
+use ipslam::random::{Draw, normals};
+use nalgebra::{Matrix3, Point2, Vector3};
+
+const ROOM: [f64; 2] = [6.0, 4.0];
+
+fn walls() -> Vec<ipslam::ppca::Cluster> {
+    let [w, h] = ROOM;
+    let corners = [[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]];
+    (0..4).map(|i| wall(corners[i], corners[(i + 1) % 4], 0.01, 50.0)).collect()
+}
+
+/// What a laser of 181 beams over 270° sees in the room, in the robot's frame.
+fn scan(world_from_robot: Pose) -> Vec<Point2<f64>> {
+    let beams = (0..181).map(|i| (f64::from(i) * 1.5 - 135.0).to_radians());
+    beams
+        .map(|angle| {
+            let beam = Pose::new(0.0, 0.0, world_from_robot.heading + angle).direction();
+            let hit = |from: f64, step: f64, size: f64| if step > 0.0 { (size - from) / step } else { -from / step };
+            let range = hit(world_from_robot.x, beam.x, ROOM[0]).min(hit(world_from_robot.y, beam.y, ROOM[1]));
+            Point2::new(range * angle.cos(), range * angle.sin())
+        })
+        .collect()
+}
+
+fn surroundings(robot: Pose) -> Surroundings {
+    let likelihood = LikelihoodConfig::default();
+    Surroundings {
+        fine: LocalMap::new(&walls(), robot, &likelihood),
+        coarse: LocalMap::new(&walls(), robot, &likelihood.capturing()),
+    }
+}
+
+/// Says next to nothing.
+fn wide_prior(world_from_robot: Pose) -> Prior {
+    Prior { world_from_robot, information: Matrix3::identity() * 1e-3 }
+}
+
+fn climbed(start: Pose, tiles: &[Tile]) -> Mode {
+    surroundings(start).climb(start, &wide_prior(start), tiles, 20)
+}
+
+fn off(found: Pose, truth: Pose) -> (f64, f64) {
+    let error = found.seen_from(truth);
+    (error.x.hypot(error.y), error.heading.abs())
+}
+
+#[test]
+fn climbs_to_where_the_scan_was_taken() {
+    const SEED: u64 = 61;
+    let truth = Pose::new(2.2, 1.7, 0.9);
+    let seen = tiles(&scan(truth), usize::MAX);
+    let numbers: Vec<f64> = uniforms(SEED).map(|u| 2.0 * u - 1.0).take(60).collect();
+    let mut worst: (f64, f64) = (0.0, 0.0);
+    for (number, u) in numbers.chunks(3).enumerate() {
+        let start = truth * Pose::new(0.14 * u[0], 0.14 * u[1], 0.1 * u[2]);
+        let (position, heading) = off(climbed(start, &seen).world_from_robot, truth);
+        worst = (worst.0.max(position), worst.1.max(heading));
+        assert!(position < 1e-3 && heading < 1e-3, "seed {SEED}, start {number}: {position} m, {heading} rad off");
+    }
+    println!("worst of {} starts: {:.1e} m, {:.1e} rad", numbers.len() / 3, worst.0, worst.1);
+
+    // A scan taken elsewhere leads elsewhere.
+    let elsewhere = tiles(&scan(truth * Pose::new(0.02, 0.0, 0.0)), usize::MAX);
+    assert!(off(climbed(truth, &elsewhere).world_from_robot, truth).0 > 1e-2);
+}
+
+/// Where the scan says nothing, the prior decides; where it says something, a strong prior holds against it.
+#[test]
+fn the_prior_counts() {
+    let (truth, expected) = (Pose::new(2.2, 1.7, 0.9), Pose::new(2.25, 1.75, 0.92));
+    let start = Pose::new(2.21, 1.69, 0.91);
+    for (tiles, information) in [(vec![], 1.0), (tiles(&scan(truth), usize::MAX), 1e12)] {
+        let prior = Prior { world_from_robot: expected, information: Matrix3::identity() * information };
+        let found = surroundings(start).climb(start, &prior, &tiles, 20).world_from_robot;
+        let (position, heading) = off(found, expected);
+        assert!(position < 1e-3 && heading < 1e-3, "{found:?}, not {expected:?}");
+    }
+}
+
+/// Covariance of a draw: spread² times the inverse information; the errors of a sample's covariance are those of a
+/// Wishart matrix.
+#[test]
+fn draws_have_the_covariance_of_the_laplace_approximation() {
+    const SEED: u64 = 62;
+    const COUNT: u32 = 20_000;
+    const SPREAD: f64 = 2.0;
+    let root = Matrix3::new(80.0, 0.0, 0.0, 30.0, 50.0, 0.0, -20.0, 10.0, 120.0);
+    let mode =
+        Mode { world_from_robot: Pose::new(5.0, -3.0, 2.5), information: root * root.transpose(), log_posterior: 0.0 };
+    let draws: Vec<Vector3<f64>> = (0..COUNT)
+        .map(|i| draw(&mode, SPREAD, normals(SEED, 0, i, Draw::Proposal)).seen_from(mode.world_from_robot))
+        .map(|step| Vector3::new(step.x, step.y, step.heading))
+        .collect();
+    let n = f64::from(COUNT);
+    let mean = draws.iter().sum::<Vector3<f64>>() / n;
+    let covariance = draws.iter().map(|d| (d - mean) * (d - mean).transpose()).sum::<Matrix3<f64>>() / n;
+    // The greatest deviation in standard errors.
+    let deviation = |expected: Matrix3<f64>| {
+        let of = |i: usize, j: usize| {
+            let variance = expected[(i, i)] * expected[(j, j)] + expected[(i, j)].powi(2);
+            (covariance[(i, j)] - expected[(i, j)]).abs() / (variance / n).sqrt()
+        };
+        (0..9).map(|k| of(k / 3, k % 3)).fold(0.0, f64::max)
+    };
+    let expected = mode.information.try_inverse().unwrap() * SPREAD.powi(2);
+    assert!(deviation(expected) < 4.5, "seed {SEED}: {covariance}, not {expected}");
+    assert!(deviation(expected * 1.1) > 4.5, "a spread that is 5 % off goes unnoticed");
+    for axis in 0..3 {
+        let error = (expected[(axis, axis)] / n).sqrt();
+        assert!(mean[axis].abs() < 4.5 * error, "seed {SEED}: mean {mean}");
+    }
+}
+
+#[test]
+fn a_mode_without_information_is_kept() {
+    let world_from_robot = Pose::new(1.0, 2.0, 3.0);
+    let mode = Mode { world_from_robot, information: Matrix3::zeros(), log_posterior: 0.0 };
+    assert_eq!(draw(&mode, 1.0, [1.0; 4]), world_from_robot);
+}
