@@ -113,7 +113,7 @@ fn only_well_supported_thin_clusters_are_added() {
             (with(1.1 * merging.max_across, merging.min_points), false),
         ] {
             let change = merge_scan(&[], &[cluster], 7, &matching, &merging);
-            let expected = MapCluster { cluster, first_step: 7, last_step: 7, sightings: 1 };
+            let expected = MapCluster { cluster, last_step: 7, sightings: 1 };
             assert_eq!(change.added, if added { vec![expected] } else { vec![] }, "{merging:?}");
             assert!(change.removed.is_empty());
         }
@@ -125,12 +125,12 @@ fn a_match_replaces_the_old_cluster_and_leaves_others_alone() {
     for (matching, merging) in configs() {
         let old = wall([0.0, 0.0], [2.0, 0.0], 0.01, 50.0);
         let other = wall([0.0, 5.0], [2.0, 5.0], 0.01, 50.0);
-        let entry = |cluster| MapCluster { cluster, first_step: 2, last_step: 6, sightings: 4 };
+        let entry = |cluster| MapCluster { cluster, last_step: 6, sightings: 4 };
         let new = wall([0.5, 0.01], [2.5, 0.01], 0.01, 40.0);
         let change = merge_scan(&[(3, entry(old)), (8, entry(other))], &[new], 7, &matching, &merging);
         assert_eq!(change.removed, [3]);
         let cluster = merge(&old, &new, merging.method);
-        assert_eq!(change.added, [MapCluster { cluster, first_step: 2, last_step: 7, sightings: 5 }]);
+        assert_eq!(change.added, [MapCluster { cluster, last_step: 7, sightings: 5 }]);
     }
 }
 
@@ -163,16 +163,14 @@ fn consolidation_joins_what_is_one_wall() {
 fn a_scan_joins_two_halves_of_the_map() {
     let Config { matching, merging, .. } = Config::default();
     let halves = [wall([0.0, 0.0], [2.0, 0.0], 0.01, 50.0), wall([3.0, 0.0], [5.0, 0.0], 0.01, 50.0)];
-    let near: Vec<_> = (0..)
-        .zip(halves)
-        .map(|(slot, cluster)| (slot, MapCluster { cluster, first_step: slot, last_step: 5, sightings: 4 }))
-        .collect();
+    let near: Vec<_> =
+        (0..).zip(halves).map(|(slot, cluster)| (slot, MapCluster { cluster, last_step: 5, sightings: 4 })).collect();
     let between = wall([1.8, 0.0], [3.2, 0.0], 0.01, 30.0);
     let mut change = merge_scan(&near, &[between], 6, &matching, &merging);
     change.removed.sort_unstable();
     assert_eq!(change.removed, [0, 1]);
     let [joined] = change.added[..] else { panic!("{:?}", change.added) };
-    assert_eq!((joined.cluster.count, joined.first_step, joined.last_step), (130.0, 0, 6));
+    assert_eq!((joined.cluster.count, joined.last_step), (130.0, 6));
 }
 
 #[test]
@@ -184,7 +182,7 @@ fn what_was_hardly_seen_is_dropped_with_age() {
         (merging.min_sightings - 1, 11 + merging.clutter_age, true),
         (merging.min_sightings, 11 + merging.clutter_age, false),
     ] {
-        let entry = MapCluster { cluster, first_step: 9, last_step: 10, sightings };
+        let entry = MapCluster { cluster, last_step: 10, sightings };
         let change = merge_scan(&[(4, entry)], &[], step, &matching, &merging);
         assert_eq!(change.removed, if dropped { vec![4] } else { vec![] }, "{sightings} sightings, step {step}");
         assert!(change.added.is_empty());
