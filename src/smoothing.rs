@@ -39,7 +39,7 @@ pub struct SmoothingConfig {
 
 impl Default for SmoothingConfig {
     fn default() -> Self {
-        Self { passes: 3, position: 0.03, heading: 0.01, keep_explained: 0.78 }
+        Self { passes: 3, position: 0.03, heading: 0.01, keep_explained: 0.8 }
     }
 }
 
