@@ -128,7 +128,8 @@ fn points_are_explained_by_their_likeliest_cluster() {
 fn support_boxes_never_change_the_maximum() {
     for (seed, config) in (0..50).flat_map(|seed| configs().into_iter().map(move |config| (seed, config))) {
         let Scene { clusters, pose, points } = scene(seed, Point2::new(40.0, 30.0));
-        let tiles = tiles(&points, usize::MAX);
+        // One point a tile: a tile's own size is the slack of a box.
+        let tiles: Vec<_> = points.iter().flat_map(|&point| tiles(&[point], 1)).collect();
         let origin = Point2::new(pose.x.round(), pose.y.round());
         let params: Vec<_> = clusters.iter().map(|cluster| ClusterParams::new(cluster, origin, &config)).collect();
         let at = LocalPose::new(pose, origin);
@@ -149,6 +150,23 @@ fn support_boxes_never_change_the_maximum() {
         });
         let found = LocalMap::new(&clusters, pose, &config).log_likelihood(pose, &tiles);
         assert_eq!(found, f64::from(expected), "seed {seed}, {config:?}");
+    }
+}
+
+/// Where a wall lies along an axis its box is tight: a point just likelier than an outlier is still found.
+#[test]
+fn a_wall_reaches_as_far_as_it_is_likelier_than_an_outlier() {
+    let config = LikelihoodConfig::default();
+    let clusters = [wall([-1.0, 0.0], [1.0, 0.0], 0.0, 50.0)];
+    let map = LocalMap::new(&clusters, Pose::IDENTITY, &config);
+    let peak = -(TAU.sqrt() * config.sigma_floor).ln();
+    let reach = (2.0 * (peak - config.outlier_density.ln())).sqrt();
+    for (share, expected) in [(0.995, Some(0)), (1.005, None)] {
+        let across = Point2::new(0.3, share * reach * config.sigma_floor);
+        let beyond = Point2::new(1.0 + share * reach * config.end_sigma, 0.0);
+        for point in [across, beyond] {
+            assert_eq!(map.explain(Pose::IDENTITY, &tiles(&[point], 1)), [expected], "{point}");
+        }
     }
 }
 
