@@ -153,6 +153,23 @@ fn support_boxes_never_change_the_maximum() {
     }
 }
 
+/// Where a wall lies along an axis its box is tight: a point just likelier than an outlier is still found.
+#[test]
+fn a_wall_reaches_as_far_as_it_is_likelier_than_an_outlier() {
+    let config = LikelihoodConfig::default();
+    let clusters = [wall([-1.0, 0.0], [1.0, 0.0], 0.0, 50.0)];
+    let map = LocalMap::new(&clusters, Pose::IDENTITY, &config);
+    let peak = -(TAU.sqrt() * config.sigma_floor).ln();
+    let reach = (2.0 * (peak - config.outlier_density.ln())).sqrt();
+    for (share, expected) in [(0.995, Some(0)), (1.005, None)] {
+        let across = Point2::new(0.3, share * reach * config.sigma_floor);
+        let beyond = Point2::new(1.0 + share * reach * config.end_sigma, 0.0);
+        for point in [across, beyond] {
+            assert_eq!(map.explain(Pose::IDENTITY, &tiles(&[point], 1)), [expected], "{point}");
+        }
+    }
+}
+
 /// Four walls around the robot, and points on them: no point is near a tie or beyond an end.
 fn room() -> (Vec<Cluster>, Vec<Point2<f64>>) {
     let corners = [[-3.0, -2.0], [3.0, -2.0], [3.5, 2.0], [-3.0, 2.5]];
