@@ -66,8 +66,7 @@ fn merging(criterion: &mut Criterion) {
     let scan_clusters = cluster_points(&scan().points, &clustering).clusters;
     // The scan's own clusters are among those of the map, so that there is something to match.
     let map = scan_clusters.iter().copied().chain(walls(300)).take(300);
-    let near: Vec<_> =
-        (0..).zip(map.map(|cluster| MapCluster { cluster, first_step: 0, last_step: 0, sightings: 9 })).collect();
+    let near: Vec<_> = (0..).zip(map.map(|cluster| MapCluster { cluster, last_step: 0, sightings: 9 })).collect();
     assert_eq!(near.len(), 300);
     println!("match and merge: {} scan clusters, {} map clusters", scan_clusters.len(), near.len());
     criterion.bench_function("match and merge a scan", |b| {
