@@ -35,11 +35,13 @@ pub struct SmoothingConfig {
     /// The map is the smallest set of clusters that explains this share of what all clusters explain; the rest is
     /// clutter, seen in passing.
     pub keep_explained: f64,
+    /// ... but never more clusters than this: where there is much clutter, those that explain most.
+    pub max_clusters: usize,
 }
 
 impl Default for SmoothingConfig {
     fn default() -> Self {
-        Self { passes: 3, position: 0.03, heading: 0.01, keep_explained: 0.8 }
+        Self { passes: 3, position: 0.03, heading: 0.01, keep_explained: 0.95, max_clusters: 300 }
     }
 }
 
@@ -128,18 +130,53 @@ fn refit(map: &mut Vec<Cluster>, support: &[Moments], config: &Config, last: boo
     let fitted: Vec<Cluster> = support.iter().filter_map(Moments::fit).collect();
     *map = consolidated(&fitted, &config.matching, &config.merging);
     if last {
-        drop_clutter(map, config.smoothing.keep_explained);
+        drop_clutter(map, config.smoothing.keep_explained, config.smoothing.max_clusters);
     }
 }
 
-/// Keeps the fewest clusters that explain this share of the points that all explain. The order stays.
-fn drop_clutter(map: &mut Vec<Cluster>, share: f64) {
-    let mut counts: Vec<f64> = map.iter().map(|cluster| cluster.count).collect();
-    counts.sort_by(|a, b| b.total_cmp(a));
-    let mut left = share * counts.iter().sum::<f64>();
-    let fewest = counts.into_iter().find(|count| {
-        left -= count;
-        left <= 0.0
-    });
-    map.retain(|cluster| fewest.is_none_or(|fewest| cluster.count >= fewest));
+/// Keeps the fewest clusters that explain this share of the points that all explain, `most` at most. The order stays.
+fn drop_clutter(map: &mut Vec<Cluster>, share: f64, most: usize) {
+    let mut by_count: Vec<usize> = (0..map.len()).collect();
+    by_count.sort_by(|&a, &b| map[b].count.total_cmp(&map[a].count));
+    let mut left = share * map.iter().map(|cluster| cluster.count).sum::<f64>();
+    let mut kept = vec![false; map.len()];
+    for index in by_count.into_iter().take(most) {
+        if left <= 0.0 {
+            break;
+        }
+        kept[index] = true;
+        left -= map[index].count;
+    }
+    let mut kept = kept.into_iter();
+    map.retain(|_| kept.next().unwrap_or(false));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Point2, Vector2};
+
+    #[test]
+    fn clutter_is_what_explains_least() {
+        let cluster = |count: f64| Cluster {
+            mean: Point2::origin(),
+            direction: Vector2::x(),
+            along_variance: 1.0,
+            across_variance: 1e-4,
+            count,
+        };
+        let map: Vec<Cluster> = [5.0, 60.0, 1.0, 30.0, 4.0].map(cluster).to_vec();
+        for (share, most, expected) in [
+            (0.9, 9, vec![60.0, 30.0]),
+            (0.91, 9, vec![5.0, 60.0, 30.0]),
+            (1.0, 9, vec![5.0, 60.0, 1.0, 30.0, 4.0]),
+            (1.0, 1, vec![60.0]),
+            (0.0, 9, vec![]),
+        ] {
+            let mut kept = map.clone();
+            drop_clutter(&mut kept, share, most);
+            assert_eq!(kept.iter().map(|c| c.count).collect::<Vec<_>>(), expected, "{share} {most}");
+        }
+        drop_clutter(&mut Vec::new(), 0.9, 9);
+    }
 }

@@ -33,7 +33,7 @@ pub struct RunArgs {
     /// TOML file that sets any part of the configuration, in place of the preset's; config.toml among the outputs is one
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
-    /// Pose particles, a multiple of the maps; in place of the configuration's, or as many as --maps says
+    /// Pose particles, a multiple of the maps; in place of the configuration's; named alone, --maps changes them in proportion
     #[arg(long, allow_negative_numbers = true)]
     particles: Option<usize>,
     /// Maps; in place of the configuration's
@@ -140,7 +140,10 @@ impl RunArgs {
             let text = std::fs::read_to_string(path).with_context(|| format!("{shown}: cannot be read"))?;
             config = config.with_toml(&text).with_context(|| shown.to_string())?;
         }
-        config.particles = self.particles.or(self.maps).unwrap_or(config.particles);
+        // Where only the maps are named, each keeps as many poses as it had.
+        let poses_a_map = config.particles / config.maps.max(1);
+        let as_many = self.maps.filter(|&maps| maps > 0).map(|maps| maps.saturating_mul(poses_a_map));
+        config.particles = self.particles.or(as_many).unwrap_or(config.particles);
         config.maps = self.maps.unwrap_or(config.maps);
         config.seed = self.seed.unwrap_or(config.seed);
         config.validate()?;
