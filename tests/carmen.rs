@@ -2,6 +2,9 @@
 
 #![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "helpers of tests")]
 
+mod common;
+
+use common::data;
 use flate2::{Compression, write::GzEncoder};
 use ipslam::geometry::{Pose, wrap_angle};
 use ipslam::io::carmen::{CarmenLog, CarmenReader, CarmenWriter, implied_angles};
@@ -9,7 +12,6 @@ use ipslam::io::{LaserReading, LogEntry, LogError, LogReader, LogSource as _, Lo
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::io::{Cursor, Read, Write as _};
-use std::path::PathBuf;
 
 /// Numbers are written with all their digits; the laser's pose is a sum, rounded within 100 km of the origin.
 const TOLERANCE: f64 = 1e-9;
@@ -414,20 +416,6 @@ fn what_cannot_be_opened_is_an_error() {
         assert!(matches!(error, LogError::Open { .. }), "{error:?}");
         assert!(error.to_string().contains(what), "{error}");
     }
-}
-
-/// The folder of real logs; `None`, with a notice, where there is none and none is required.
-fn data(file: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("IPSLAM_DATA")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    let path = folder.join(file);
-    if path.is_file() {
-        return Some(path);
-    }
-    let required = std::env::var("IPSLAM_REQUIRE").is_ok_and(|required| required.contains("data"));
-    assert!(!required, "{} is required and missing", path.display());
-    eprintln!("SKIPPED, nothing tested: {} is missing; set IPSLAM_DATA to the folder of logs", path.display());
-    None
 }
 
 /// Expected counts were taken from the files with `grep -c`.
