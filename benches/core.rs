@@ -1,15 +1,14 @@
 //! What the parts of one step cost, and how far the likelihood of eq. 18 is from what the processor could do.
 //!
-//! `cargo bench --no-default-features --bench core`
+//! `cargo bench --no-default-features --features gpu --bench core`
 
 #![allow(clippy::unwrap_used, clippy::expect_used, missing_docs)]
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{Criterion, criterion_group, criterion_main};
 use ipslam::clustering::{ClusteringConfig, cluster_points};
 use ipslam::config::Config;
-use ipslam::evaluator::cpu::LocalMap;
-use ipslam::evaluator::layout::{LikelihoodConfig, Tile, tiles};
-use ipslam::geometry::Pose;
+use ipslam::evaluator::cpu::CpuEvaluator;
+use ipslam::evaluator::workload::{FLOP, Workload, instructions, peak_flops};
 use ipslam::io::{LogEntry, LogSource};
 use ipslam::map::MapCluster;
 use ipslam::map::merging::merge_scan;
@@ -22,15 +21,11 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 const SEED: u64 = 1;
-/// The simulated laser has 361 beams; the scan with the most returns is taken.
+const PARTICLES: usize = 10_000;
 const POINTS: usize = 361;
 const CLUSTERS: usize = 200;
-const POSES: usize = 1000;
-const ROUNDS: u32 = 10;
-/// Floating-point operations of one point and cluster, a multiply and an add counting as two: offset 2, along 3,
-/// across 3, both scaled and squared 3 and more. The few of the fall-off beyond a segment's ends are not counted.
-const FLOP: f64 = 11.0;
 
+/// The scan with the most returns.
 fn scan() -> Scan {
     let scans = Simulation::building(SEED).open().unwrap().take(600).filter_map(|entry| match entry.unwrap() {
         LogEntry::Laser(reading) => Some(Scan::from_reading(&reading, 0.1, 30.0)),
@@ -74,88 +69,71 @@ fn merging(criterion: &mut Criterion) {
     });
 }
 
-/// The whole filter with 8 maps on the first seconds of a drive; what is told is the time of one step.
+/// The whole filter on the first seconds of a drive; what is told is the time of one step, with the scans before it.
 fn stepping(criterion: &mut Criterion) {
     let entries: Vec<LogEntry> = Simulation::building(SEED).open().unwrap().take(600).map(Result::unwrap).collect();
-    let config = Config { particles: 8, maps: 8, ..Config::default() };
-    criterion.bench_function("a step of 8 particles, with the scans tracked before it", |b| {
-        b.iter_custom(|rounds| {
-            let (mut steps, mut spent) = (0u32, Duration::ZERO);
-            for _ in 0..rounds {
-                let mut slam = Slam::new(config);
-                let began = Instant::now();
-                entries.iter().for_each(|entry| slam.add(entry, &mut |_| steps += 1));
-                spent += began.elapsed();
-            }
-            spent / (steps / rounds as u32)
+    for (maps, particles) in [(8, 8), (128, 128), (256, 256 * 40)] {
+        let config = Config { particles, maps, ..Config::default() };
+        criterion.bench_function(&format!("a step of {particles} particles in {maps} maps"), |b| {
+            b.iter_custom(|rounds| {
+                let (mut steps, mut spent) = (0u32, Duration::ZERO);
+                for _ in 0..rounds {
+                    let mut slam = Slam::new(config);
+                    let began = Instant::now();
+                    entries.iter().for_each(|entry| slam.add(entry, &mut |_| steps += 1));
+                    spent += began.elapsed();
+                }
+                // Of all steps, as many as there were rounds.
+                spent / (steps / rounds as u32)
+            });
         });
-    });
+    }
 }
 
-/// Seconds that one thread takes to weigh all poses.
-fn weigh(map: &LocalMap, poses: &[Pose], tiles: &[Tile]) -> f64 {
-    let began = processor_seconds();
-    black_box(poses.iter().map(|&pose| map.log_likelihood(pose, tiles)).sum::<f64>());
-    processor_seconds() - began
+/// Weighing, with every ratio against a baseline of the same run.
+fn weighing(_: &mut Criterion) {
+    const LEAST: Duration = Duration::from_secs(1);
+    let weigh = |workload: &Workload| workload.weigh(&mut CpuEvaluator, LEAST).unwrap();
+    let (threads, peak) = (rayon::current_num_threads(), peak_flops());
+    println!("\nweigh: {threads} threads, {}, {:.0} Gflop/s of multiply-adds a thread", instructions(), peak / 1e9);
+    let small = Workload::new(1000, POINTS, CLUSTERS);
+    let near = small.clusters_near() as f64 / CLUSTERS as f64;
+    let rate = near * small.pairs() / small.weigh_by_brute_force(LEAST);
+    println!("  brute force, one thread: {rate:.2e} points x clusters a second");
+    println!("    {:.0} % of the peak at {FLOP} flop each; wanted: 60 %", 100.0 * rate * FLOP / peak);
+
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let workload = Workload::new(PARTICLES, POINTS, CLUSTERS);
+    let culled = one.install(|| weigh(&workload));
+    let brute = near * workload.pairs() / rate;
+    println!("  {PARTICLES} particles, one thread: {:.1} ms; brute force {:.0} ms", 1e3 * culled, 1e3 * brute);
+    println!("    {:.1} times faster; wanted: 8", brute / culled);
+
+    let large = one.install(|| weigh(&Workload::new(PARTICLES, POINTS, 100 * CLUSTERS)));
+    println!("  the same in a building of {} clusters: {:.1} ms", 100 * CLUSTERS, 1e3 * large);
+    println!("    {:.2} times slower; wanted: at most 1.5", large / culled);
+    let all = weigh(&workload);
+    println!("  on {threads} threads: {:.1} ms, {:.2} times faster", 1e3 * all, culled / all);
+    device(&workload, all, LEAST);
 }
 
-/// Seconds that this thread has been on a processor: what else the machine does leaves them alone.
-fn processor_seconds() -> f64 {
-    let spent = std::fs::read_to_string("/proc/thread-self/schedstat").expect("runs on Linux");
-    spent.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-9
-}
-
-fn weighing(criterion: &mut Criterion) {
-    let points: Vec<Point2<f64>> = scan().points.into_iter().cycle().take(POINTS).collect();
-    let tiles = tiles(&points, usize::MAX);
-    let poses: Vec<Pose> = (0..POSES)
-        .map(|i| Pose::new(0.01 * (i % 10) as f64, 0.01 * (i / 10 % 10) as f64, 0.001 * (i / 100) as f64))
-        .collect();
-    let walls = walls(CLUSTERS);
-    let usual = LikelihoodConfig::default();
-    // So unlikely an outlier that every cluster reaches every tile: nothing is left out.
-    let all = LikelihoodConfig { outlier_density: 1e-300, sigma_floor: 1.0, end_sigma: 1.0, ..usual };
-    let pairs = (POSES * POINTS * CLUSTERS) as f64;
-    let mut group = criterion.benchmark_group("weigh");
-    group.throughput(Throughput::Elements(pairs as u64));
-    for (name, config) in [("as configured", usual), ("every cluster at every point", all)] {
-        let map = LocalMap::new(&walls, Pose::IDENTITY, &config);
-        group.bench_function(name, |b| {
-            b.iter(|| poses.iter().map(|&pose| map.log_likelihood(pose, black_box(&tiles))).sum::<f64>());
-        });
-        let seconds = (0..ROUNDS).map(|_| weigh(&map, &poses, &tiles)).sum::<f64>() / f64::from(ROUNDS);
-        println!(
-            "{name}: {:.2e} points x clusters a second of one core's time, mean of {ROUNDS} rounds",
-            pairs / seconds
-        );
-        if config == all {
-            report_peak(pairs / seconds);
+/// The likely fastest device, or the one that `IPSLAM_ADAPTER` names.
+#[cfg(feature = "gpu")]
+fn device(workload: &Workload, cpu: f64, least: Duration) {
+    use ipslam::evaluator::gpu::{GpuEvaluator, device::find};
+    let wanted = std::env::var("IPSLAM_ADAPTER").ok();
+    match find(wanted.as_deref()).and_then(|adapter| GpuEvaluator::new(&adapter)) {
+        Ok(mut gpu) => {
+            let seconds = workload.weigh(&mut gpu, least).unwrap();
+            println!("  {}: {:.1} ms, {:.1} times the CPU's time", gpu.name(), 1e3 * seconds, seconds / cpu);
         }
+        Err(error) => println!("  not measured: {error}"),
     }
-    group.finish();
 }
 
-/// How much of the processor the evaluations take, with the assumptions that the figure rests on.
-fn report_peak(pairs_a_second: f64) {
-    let information = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let megahertz = information.lines().find_map(|line| line.strip_prefix("cpu MHz")?.split(':').nth(1));
-    let Some(megahertz) = megahertz.and_then(|text| text.trim().parse::<f64>().ok()) else {
-        return println!("no clock in /proc/cpuinfo: no share of the peak is told");
-    };
-    let clock = megahertz * 1e6;
-    for (peak, assumption) in [
-        (clock * 4.0 * 2.0, "SSE2, 4 lanes x 2 operations a cycle, no fused multiply-add"),
-        (clock * 8.0 * 2.0 * 2.0, "AVX2, 8 lanes x 2 fused multiply-adds a cycle"),
-    ] {
-        println!(
-            "  at {FLOP} flop each {:.1} Gflop/s, {:.0} % of a peak of {:.0} Gflop/s ({:.2} GHz by /proc/cpuinfo, {assumption})",
-            FLOP * pairs_a_second / 1e9,
-            100.0 * FLOP * pairs_a_second / peak,
-            peak / 1e9,
-            clock / 1e9,
-        );
-    }
-    println!("  this build: AVX2 {}, FMA {}", cfg!(target_feature = "avx2"), cfg!(target_feature = "fma"));
+#[cfg(not(feature = "gpu"))]
+fn device(_: &Workload, _: f64, _: Duration) {
+    println!("  no device measured: built without the feature gpu");
 }
 
 criterion_group! {

@@ -1,11 +1,11 @@
 //! Everything that can be set about a run, with the defaults and the paper's own values.
 
 use crate::clustering::ClusteringConfig;
+use crate::evaluator::ProposalConfig;
 use crate::evaluator::layout::{Latent, LikelihoodConfig};
 use crate::map::matching::{MatchingConfig, MatchingRule};
 use crate::map::merging::{MergingConfig, MergingMethod};
 use crate::motion::MotionConfig;
-use crate::proposal::ProposalConfig;
 use crate::smoothing::SmoothingConfig;
 use serde::{Deserialize, Serialize};
 

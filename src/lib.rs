@@ -17,9 +17,9 @@
 //!    far enough, the scan makes a step of the filter:
 //! 3. [`clustering`] splits the points into lines, each a [`ppca`] model, in the robot's frame and so once for all
 //!    particles.
-//! 4. Each particle draws a pose: [`motion`] tells from odometry where the robot may be, [`proposal`] climbs from there
-//!    to where the scan fits the particle's own map.
-//! 5. [`evaluator`] tells how likely the points are from that pose in that map: the particle's weight. [`filter`]
+//! 4. Each particle draws a pose: [`motion`] tells from odometry where the robot may be, and the [`evaluator`], on the CPU
+//!    or on a GPU, climbs from there to where the scan fits the particle's own map.
+//! 5. The evaluator tells how likely the points are from that pose in that map: the particle's weight. [`filter`]
 //!    resamples where too few particles carry it.
 //! 6. [`map`] finds for each cluster of the scan the wall that it is part of and merges the two, or adds it as a new wall.
 //! 7. A [`record::StepReport`] tells observers what was done.
@@ -32,6 +32,7 @@
 //! |---|---|---|
 //! | [`config`] | everything that can be set | |
 //! | [`geometry`] | poses of the plane | |
+//! | [`math`] | logarithm, sine and cosine, the same on every device | |
 //! | [`random`] | draws that depend on seed, step, particle and draw number alone | |
 //! | [`io`] | files in and out: logs, trajectories, relations, `map.json` | |
 //! | [`simulate`] | a robot in a building, as a log with known truth | |
@@ -39,8 +40,7 @@
 //! | [`ppca`] | the model of one cluster: fit, density, moments | III-A, eq. 7-13 |
 //! | [`clustering`] | points to clusters | III-B |
 //! | [`motion`] | odometry to a distribution of motions | eq. 17 |
-//! | [`evaluator`] | how likely points are, given a pose and a map | eq. 18 |
-//! | [`proposal`] | poses drawn where motion and scan agree | |
+//! | [`evaluator`] | poses drawn where motion and scan agree, and how likely the scan is from there | eq. 17, 18 |
 //! | [`filter`] | weights, resampling, the paths of all particles | IV |
 //! | [`map`] | clusters of all maps, matching and merging | III-D, III-E |
 //! | [`slam`] | one step after the other | Table I |
@@ -79,11 +79,11 @@ pub mod filter;
 pub mod geometry;
 pub mod io;
 pub mod map;
+pub mod math;
 pub mod metrics;
 pub mod motion;
 pub mod picture;
 pub mod ppca;
-pub mod proposal;
 pub mod random;
 pub mod record;
 pub mod scan;

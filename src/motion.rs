@@ -4,7 +4,7 @@
 //! Gaussian error in the later robot's own frame: forward, sideways, heading.
 
 use crate::geometry::Pose;
-use nalgebra::{Cholesky, Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// How far odometry is trusted: standard deviations in proportion to the motion.
@@ -63,13 +63,6 @@ impl Motion {
         let heading = config.heading_floor + config.heading_per_distance * distance + config.heading_per_turn * turn;
         let diagonal = Vector3::new(position * position, position * position, heading * heading);
         Self { mean, covariance: Matrix3::from_diagonal(&diagonal) }
-    }
-
-    /// The error that standard normal numbers stand for (the first three count): `mean * noise` is a draw.
-    pub fn noise(&self, normals: [f32; 4]) -> Pose {
-        let standard = Vector3::new(normals[0], normals[1], normals[2]).map(f64::from);
-        let error = Cholesky::new(self.covariance).map_or_else(Vector3::zeros, |cholesky| cholesky.l() * standard);
-        Pose::new(error.x, error.y, error.z)
     }
 
     /// This motion and then another one: means compose, covariances are carried to the last frame and added.

@@ -4,6 +4,8 @@
 //! seed, the counter is (step, particle, draw, 0), so any draw can be made anywhere, in any order, by any number of
 //! threads, and comes out the same. It needs 32-bit products only, which a shader can do too.
 
+use crate::math::{ln, sin_cos};
+
 /// Which draw of a particle in a step; each asks for its own numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
@@ -31,9 +33,10 @@ pub fn uniform(word: u32) -> f32 {
 /// Four independent standard normal numbers (Box-Muller).
 pub fn normals(seed: u64, step: u32, particle: u32, draw: Draw) -> [f32; 4] {
     let [a, b, c, d] = bits(seed, step, particle, draw).map(uniform);
-    let (r, s) = ((-2.0 * a.ln()).sqrt(), (-2.0 * c.ln()).sqrt());
-    let (phi, psi) = (std::f32::consts::TAU * b, std::f32::consts::TAU * d);
-    [r * phi.cos(), r * phi.sin(), s * psi.cos(), s * psi.sin()]
+    let (r, s) = ((-2.0 * ln(a)).sqrt(), (-2.0 * ln(c)).sqrt());
+    let (sin_b, cos_b) = sin_cos(std::f32::consts::TAU * b);
+    let (sin_d, cos_d) = sin_cos(std::f32::consts::TAU * d);
+    [r * cos_b, r * sin_b, s * cos_d, s * sin_d]
 }
 
 fn philox4x32_10(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {

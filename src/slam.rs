@@ -11,8 +11,11 @@
 
 use crate::clustering::cluster_points;
 use crate::config::{Config, FilterConfig};
-use crate::evaluator::cpu::LocalMap;
-use crate::evaluator::layout::{LikelihoodConfig, Tile, tiles};
+use crate::evaluator::failover::Failover;
+use crate::evaluator::layout::{LocalPose, Tile, tiles};
+use crate::evaluator::symmetric::{Cholesky, packed, unpacked};
+use crate::evaluator::table::ClusterTable;
+use crate::evaluator::{Evaluator, EvaluatorError, Propagation, Proposal, Scene, Start};
 use crate::filter::{Ancestry, effective_sample_size, normalised, resample};
 use crate::geometry::{Pose, StampedPose};
 use crate::io::{LaserReading, LogEntry};
@@ -20,13 +23,12 @@ use crate::map::merging::{MapChange, merge_scan};
 use crate::map::{Map, MapCluster, Pool, Slot};
 use crate::motion::Motion;
 use crate::ppca::Cluster;
-use crate::proposal::{Mode, Prior, Surroundings, draw};
-use crate::random::{Draw, bits, normals, uniform};
+use crate::random::{Draw, bits, uniform};
 use crate::record::{ReportedParticle, RunResult, StageTimes, StepReport};
 use crate::scan::Scan;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
-use std::time::Instant;
+use web_time::Instant;
 
 /// A map, and the robot in it.
 #[derive(Clone, Debug)]
@@ -42,11 +44,12 @@ struct Hypothesis {
 /// A pose drawn for the map of a hypothesis.
 #[derive(Clone, Copy, Debug)]
 struct Particle {
-    hypothesis: usize,
     world_from_robot: Pose,
     /// Where the scan matches the map best around there: the particle is weighed there, because how far from the top
     /// it happened to be drawn says nothing about its map. The same pose where nothing was matched.
     matched: Pose,
+    /// ln of eq. 18 there, where the match has told it.
+    log_likelihood: Option<f64>,
     log_weight: f64,
     /// What the last weighing added to it.
     gain: f64,
@@ -68,6 +71,9 @@ pub struct Slam {
     hypotheses: Vec<Hypothesis>,
     best: usize,
     pool: Pool,
+    /// The pool as the evaluator sees it.
+    table: ClusterTable,
+    evaluator: Failover,
     ancestry: Ancestry,
     readings: Vec<Reading>,
     steps: u32,
@@ -82,6 +88,15 @@ pub struct Slam {
 impl Slam {
     /// A filter that has seen nothing. Table I, 2: all particles start at the origin of the world.
     pub fn new(config: Config) -> Self {
+        Self::with_failover(config, Failover::new(None))
+    }
+
+    /// The same, with an evaluator other than the CPU. Where it fails, the step is done again on the CPU, which goes on.
+    pub fn with_evaluator(config: Config, evaluator: Box<dyn Evaluator>) -> Self {
+        Self::with_failover(config, Failover::new(Some(evaluator)))
+    }
+
+    fn with_failover(config: Config, evaluator: Failover) -> Self {
         let mut ancestry = Ancestry::default();
         let path = ancestry.extend(None, Pose::IDENTITY);
         let start =
@@ -90,6 +105,8 @@ impl Slam {
             hypotheses: vec![start; config.maps],
             best: 0,
             pool: Pool::default(),
+            table: ClusterTable::new(config.likelihood),
+            evaluator,
             ancestry,
             readings: Vec::new(),
             steps: 0,
@@ -99,6 +116,11 @@ impl Slam {
             times: StageTimes::default(),
             config,
         }
+    }
+
+    /// Why the CPU took over from the evaluator that the filter was given.
+    pub fn evaluator_failure(&self) -> Option<&EvaluatorError> {
+        self.evaluator.failure()
     }
 
     /// Takes in the next entry of a log, in the order of the log; reports where it led to a step.
@@ -202,64 +224,105 @@ impl Slam {
         let Some(information) = self.tracked.covariance.try_inverse().filter(|_| starts > 0 && self.steps > 0) else {
             return;
         };
-        let hypothesis = &self.hypotheses[self.best];
-        let expected = hypothesis.world_from_robot * self.tracked.mean;
-        let prior = Prior { world_from_robot: expected, information };
-        let surroundings = self.surroundings(&hypothesis.map, expected, tiles);
-        let (seed, reading) = (self.config.seed, self.readings.len() as u32);
-        let modes: Vec<Mode> = (0..starts)
-            .into_par_iter()
-            .map(|start| {
-                // The first start is where odometry says.
-                let noise = if start == 0 { [0.0; 4] } else { normals(seed, reading, start, Draw::Tracking) };
-                surroundings.climb(expected * self.tracked.noise(noise), &prior, tiles, self.config.proposal.iterations)
-            })
-            .collect();
-        if let Some(mode) = modes.into_iter().reduce(|a, b| if b.log_posterior > a.log_posterior { b } else { a }) {
-            self.tracked.mean = mode.world_from_robot.seen_from(hypothesis.world_from_robot);
-            self.tracked.covariance = mode.information.try_inverse().unwrap_or(self.tracked.covariance);
+        let best = &self.hypotheses[self.best];
+        let expected = LocalPose::new(best.world_from_robot * self.tracked.mean, self.table.anchor());
+        let how = Propagation {
+            step: self.readings.len() as u32,
+            draw: Draw::Tracking,
+            starts: &[Start { mean: expected, prior: expected }],
+            particles_a_map: starts as usize,
+            // Where odometry says.
+            exact_first: true,
+            prior_information: packed(&information),
+            ..self.propagation()
+        };
+        let maps = [self.near(&best.map, expected, tiles, how.longest_way())];
+        let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
+        let modes = proposals.into_iter().map(|proposal| proposal.mode);
+        if let Some(mode) = modes.reduce(|a, b| if b.log_posterior > a.log_posterior { b } else { a }) {
+            self.tracked.mean = mode.pose.in_world(self.table.anchor()).seen_from(best.world_from_robot);
+            self.tracked.covariance = unpacked(mode.information).try_inverse().unwrap_or(self.tracked.covariance);
         }
     }
 
     /// Table I, 6a: draws a pose for every particle, from the motion (eq. 17) and, unless it is switched off, from
     /// where the scan then matches the particle's own map.
-    fn propagate(&self, tiles: &[Tile]) -> Vec<Particle> {
-        let (config, step) = (&self.config, self.steps);
-        let poses_a_map = config.particles / config.maps;
-        let information = self.by_odometry.covariance.try_inverse().unwrap_or_else(Matrix3::zeros);
-        let draw_pose = |index: usize| {
-            let hypothesis = index / poses_a_map;
-            let from = &self.hypotheses[hypothesis];
-            let random = |draw| normals(config.seed, step, index as u32, draw);
-            let sampled = from.world_from_robot * self.tracked.mean * self.tracked.noise(random(Draw::Motion));
-            let (mut matched, mut world_from_robot) = (sampled, sampled);
-            if config.proposal.iterations > 0 && step > 0 {
-                let prior = Prior { world_from_robot: from.world_from_robot * self.by_odometry.mean, information };
-                let mode = self.surroundings(&from.map, sampled, tiles).climb(
-                    sampled,
-                    &prior,
-                    tiles,
-                    config.proposal.iterations,
-                );
-                matched = mode.world_from_robot;
-                world_from_robot = draw(&mode, config.proposal.spread, random(Draw::Proposal));
-            }
-            // The poses of a map share its weight.
-            let log_weight = from.log_weight - (poses_a_map as f64).ln();
-            Particle { hypothesis, world_from_robot, matched, log_weight, gain: 0.0 }
+    fn propagate(&mut self, tiles: &[Tile]) -> Vec<Particle> {
+        let (anchor, particles_a_map) = (self.table.anchor(), self.config.particles / self.config.maps);
+        let start = |from: &Hypothesis| Start {
+            mean: LocalPose::new(from.world_from_robot * self.tracked.mean, anchor),
+            prior: LocalPose::new(from.world_from_robot * self.by_odometry.mean, anchor),
         };
-        (0..config.particles).into_par_iter().map(draw_pose).collect()
+        let starts: Vec<Start> = self.hypotheses.iter().map(start).collect();
+        let information = self.by_odometry.covariance.try_inverse().unwrap_or_else(Matrix3::zeros);
+        // At the first step there is no map to match.
+        let iterations = if self.steps == 0 { 0 } else { self.config.proposal.iterations };
+        let how = Propagation {
+            starts: &starts,
+            particles_a_map,
+            prior_information: packed(&information),
+            iterations,
+            ..self.propagation()
+        };
+        let near = |(from, start): (&Hypothesis, &Start)| self.near(&from.map, start.mean, tiles, how.longest_way());
+        let maps: Vec<Vec<Slot>> = self.hypotheses.iter().zip(&starts).map(near).collect();
+        let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
+        let particle = |(index, Proposal { drawn, mode }): (usize, Proposal)| {
+            let from = &self.hypotheses[index / particles_a_map];
+            Particle {
+                world_from_robot: drawn.in_world(anchor),
+                matched: mode.pose.in_world(anchor),
+                log_likelihood: (iterations > 0).then(|| f64::from(mode.log_likelihood)),
+                // The poses of a map share its weight.
+                log_weight: from.log_weight - (particles_a_map as f64).ln(),
+                gain: 0.0,
+            }
+        };
+        proposals.into_iter().enumerate().map(particle).collect()
+    }
+
+    /// What all draws of particles have in common: noise is that of the motion as the scans have corrected it.
+    fn propagation(&self) -> Propagation<'static> {
+        let noise = Cholesky::new(packed(&self.tracked.covariance)).unwrap_or(Cholesky([0.0; 6]));
+        Propagation {
+            seed: self.config.seed,
+            step: self.steps,
+            draw: Draw::Motion,
+            starts: &[],
+            particles_a_map: 0,
+            exact_first: false,
+            noise,
+            prior_information: [0.0; 6],
+            iterations: self.config.proposal.iterations,
+            spread: self.config.proposal.spread as f32,
+        }
     }
 
     /// Table I, 6c-vi: eq. 18 for every particle, tempered.
-    fn weigh(&self, particles: &mut [Particle], tiles: &[Tile]) {
-        let likelihood = &self.config.likelihood;
-        particles.par_iter_mut().for_each(|particle| {
-            let map = &self.hypotheses[particle.hypothesis].map;
-            let local = self.local_map(map, particle.matched, tiles, likelihood);
-            particle.gain = likelihood.temper * local.log_likelihood(particle.matched, tiles);
+    fn weigh(&mut self, particles: &mut [Particle], tiles: &[Tile]) {
+        // A map that the scan has just been merged into is not the one it was matched to.
+        let known = |particle: &Particle| particle.log_likelihood.filter(|_| !self.config.filter.weigh_merged_map);
+        let log_likelihoods: Vec<f64> = match particles.iter().map(known).collect() {
+            Some(known) => known,
+            None => self.look(particles, tiles),
+        };
+        for (particle, log_likelihood) in particles.iter_mut().zip(log_likelihoods) {
+            particle.gain = self.config.likelihood.temper * log_likelihood;
             particle.log_weight += particle.gain;
-        });
+        }
+    }
+
+    /// ln of eq. 18 for every particle.
+    fn look(&mut self, particles: &[Particle], tiles: &[Tile]) -> Vec<f64> {
+        let poses: Vec<LocalPose> = particles.iter().map(|p| LocalPose::new(p.matched, self.table.anchor())).collect();
+        let of_a_map = poses.chunks(particles.len() / self.hypotheses.len());
+        let near = |(from, poses): (&Hypothesis, &[LocalPose])| {
+            let off = |pose: &LocalPose| (pose.x - poses[0].x).hypot(pose.y - poses[0].y);
+            self.near(&from.map, poses[0], tiles, poses.iter().map(off).fold(0.0, f32::max))
+        };
+        let maps: Vec<Vec<Slot>> = self.hypotheses.iter().zip(of_a_map).map(near).collect();
+        let scene = Scene { table: &self.table, tiles, maps: &maps };
+        self.evaluator.weigh(&scene, &poses).into_iter().map(f64::from).collect()
     }
 
     /// Table I, 6d: each map keeps one of its poses; maps are drawn anew where too few of them carry the weight.
@@ -319,31 +382,25 @@ impl Slam {
             merge_scan(&near, &clusters_in_world, self.steps, matching, merging)
         };
         let changes: Vec<MapChange> = self.hypotheses.par_iter().map(change).collect();
+        let without = |(hypothesis, change): (&mut Hypothesis, &MapChange)| {
+            hypothesis.map.slots.retain(|slot| !change.removed.contains(slot));
+        };
+        self.hypotheses.par_iter_mut().zip(&changes).for_each(without);
         for (hypothesis, change) in self.hypotheses.iter_mut().zip(changes) {
             let growth = change.added.len() as f64 - change.removed.len() as f64;
             let cost = likelihood.temper * merging.cluster_cost * growth;
             hypothesis.log_weight -= cost;
             hypothesis.score -= cost;
-            hypothesis.map.slots.retain(|slot| !change.removed.contains(slot));
             hypothesis.map.slots.extend(change.added.into_iter().map(|entry| self.pool.insert(entry)));
         }
         self.pool.keep_only(self.hypotheses.iter().map(|hypothesis| &hypothesis.map));
+        self.table.update(&mut self.pool, self.hypotheses[self.best].world_from_robot);
     }
 
-    /// The part of a map that a scan can meet from a pose.
-    fn local_map(&self, map: &Map, robot: Pose, tiles: &[Tile], likelihood: &LikelihoodConfig) -> LocalMap {
-        let reach = tiles.iter().map(Tile::reach).fold(0.0, f64::max) + MARGIN;
-        let near = self.pool.clusters_of(map).map(|(_, entry)| &entry.cluster).filter(|c| is_near(c, robot, reach));
-        LocalMap::new(near, robot, likelihood)
-    }
-
-    /// The same, for climbing.
-    fn surroundings(&self, map: &Map, robot: Pose, tiles: &[Tile]) -> Surroundings {
-        let likelihood = &self.config.likelihood;
-        Surroundings {
-            fine: self.local_map(map, robot, tiles, likelihood),
-            coarse: self.local_map(map, robot, tiles, &likelihood.capturing()),
-        }
+    /// Those clusters of a map that a scan can meet, from wherever the robot is within `way` \[m\] of a pose.
+    fn near(&self, map: &Map, pose: LocalPose, tiles: &[Tile], way: f32) -> Vec<Slot> {
+        let reach = tiles.iter().map(Tile::reach).fold(0.0, f32::max);
+        self.table.near(&map.slots, pose.x, pose.y, reach + way)
     }
 
     fn clusters_of(&self, hypothesis: &Hypothesis) -> Vec<Cluster> {

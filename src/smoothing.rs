@@ -9,16 +9,17 @@
 //! Scans are read again from the log in each pass, so memory does not grow with their points.
 
 use crate::config::Config;
-use crate::evaluator::cpu::LocalMap;
-use crate::evaluator::layout::tiles;
+use crate::evaluator::Prior;
+use crate::evaluator::cpu::{View, refine};
+use crate::evaluator::cull::{Candidates, LocalMap};
+use crate::evaluator::layout::{ClusterParams, LocalPose, tiles};
 use crate::geometry::Pose;
 use crate::io::{LogEntry, LogError, LogSource};
 use crate::map::merging::consolidated;
 use crate::ppca::{Cluster, Moments};
-use crate::proposal::{Prior, climb};
 use crate::record::RunResult;
 use crate::scan::Scan;
-use nalgebra::{Matrix3, Point2, Vector3};
+use nalgebra::Point2;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -48,7 +49,7 @@ impl Default for SmoothingConfig {
 /// Scans matched at a time; they share nothing but the map.
 const BATCH: usize = 256;
 /// Gauss-Newton steps a scan and pass.
-const ITERATIONS: usize = 5;
+const ITERATIONS: u32 = 5;
 
 /// Smooths a run of this log in place. Frames stay: the world's origin is still the first pose of the filter.
 pub fn smooth(source: &dyn LogSource, result: &mut RunResult, config: &Config) -> Result<(), LogError> {
@@ -109,15 +110,18 @@ fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Config) -> Pla
     let reach = scan.points.iter().map(|p| p.coords.norm()).fold(0.0, f64::max) + 1.0;
     let near: Vec<usize> =
         (0..map.len()).filter(|&i| (map[i].mean - guess.position()).norm() < reach + 0.5 * map[i].length()).collect();
-    let local = LocalMap::new(near.iter().map(|&i| &map[i]), guess, &config.likelihood);
-    let (position, heading) = (config.smoothing.position.powi(-2), config.smoothing.heading.powi(-2));
-    let prior = Prior {
-        world_from_robot: guess,
-        information: Matrix3::from_diagonal(&Vector3::new(position, position, heading)),
-    };
-    let world_from_robot = climb(&local, guess, &prior, &tiles, ITERATIONS).world_from_robot;
-    let explained = local
-        .explain(world_from_robot, &tiles)
+    let origin = guess.position().map(f64::round);
+    let params = near.iter().map(|&i| ClusterParams::new(&map[i], origin, &config.likelihood));
+    let local = LocalMap::new(params, config.likelihood.log_outlier());
+    let (position, heading) = (config.smoothing.position.powi(-2) as f32, config.smoothing.heading.powi(-2) as f32);
+    let start = LocalPose::new(guess, origin);
+    let prior = Prior { pose: start, information: [position, 0.0, 0.0, position, 0.0, heading] };
+    let pose = refine(&local, &[start], &prior, &tiles, ITERATIONS).first().map_or(start, |mode| mode.pose);
+    let world_from_robot = pose.in_world(origin);
+    let mut candidates = Candidates::default();
+    candidates.cover(&local, &tiles, &[pose], [0.0; 2]);
+    let explained = View { tiles: &tiles, candidates: &candidates, log_outlier: local.log_outlier() }
+        .explain(pose)
         .into_iter()
         .zip(&scan.points)
         .filter_map(|(cluster, &point)| Some((near[cluster?], world_from_robot * point)))

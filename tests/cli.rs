@@ -156,9 +156,9 @@ fn a_run_writes_all_that_it_promises() {
     let place = Place::new();
     let (simulation, text) = drive(6.0);
     place.write("drive.log.gz", gzip(text.as_bytes()));
-    let done = place.run(&["drive.log.gz"]);
+    let done = place.run(&["drive.log.gz", "--backend", "cpu"]);
     done.ended(0);
-    assert_eq!(done.err, "mapping drive: 4 particles in 4 maps\noutputs are in ipslam-out/drive\n");
+    assert_eq!(done.err, "mapping drive: 4 particles in 4 maps on the CPU\noutputs are in ipslam-out/drive\n");
     place.assert_outputs("ipslam-out/drive");
 
     // One pose for each reading, with its stamp.

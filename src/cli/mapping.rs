@@ -25,6 +25,8 @@ pub struct Mapped {
     pub smoothing_seconds: f64,
     /// What kept the smoothing from being finished.
     pub smoothing: Result<(), LogError>,
+    /// Why the CPU took over from the device.
+    pub evaluator_failure: Option<String>,
 }
 
 impl Mapped {
@@ -64,6 +66,7 @@ pub struct Tally {
 /// Maps a log and smooths the result, up to `max_scans` of it.
 pub fn map_log(
     source: &dyn LogSource,
+    mut slam: Slam,
     config: &Config,
     max_scans: Option<u64>,
     observers: &mut [Box<dyn Observer>],
@@ -71,7 +74,6 @@ pub fn map_log(
     let began = Instant::now();
     let mut reader = source.open()?;
     let mut progress = Progress::new(reader.progress().map(|(_, all)| all));
-    let mut slam = Slam::new(*config);
     let mut tally = Tally::default();
     let mut truth = Vec::new();
     let end = loop {
@@ -98,6 +100,7 @@ pub fn map_log(
     };
     progress.finish();
     let filter_seconds = began.elapsed().as_secs_f64();
+    let evaluator_failure = slam.evaluator_failure().map(ToString::to_string);
     let mut result = slam.finish();
     let began = Instant::now();
     let smoothing = match end {
@@ -107,7 +110,7 @@ pub fn map_log(
     let smoothing_seconds = began.elapsed().as_secs_f64();
     observers.iter_mut().for_each(|observer| observer.on_finish(&result));
     let stats = reader.stats().clone();
-    Ok(Mapped { result, truth, stats, tally, end, filter_seconds, smoothing_seconds, smoothing })
+    Ok(Mapped { result, truth, stats, tally, end, filter_seconds, smoothing_seconds, smoothing, evaluator_failure })
 }
 
 impl Tally {

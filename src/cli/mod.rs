@@ -4,6 +4,9 @@ use clap::{Parser, Subcommand};
 use ipslam::config::ConfigError;
 use std::process::ExitCode;
 
+mod backend;
+mod bench;
+mod devices;
 mod eval;
 mod interrupt;
 mod mapping;
@@ -38,6 +41,10 @@ enum Command {
     Eval(eval::EvalArgs),
     #[command(after_help = EXIT_CODES)]
     Simulate(simulate::SimulateArgs),
+    #[command(after_help = EXIT_CODES)]
+    Devices(devices::DevicesArgs),
+    #[command(after_help = EXIT_CODES)]
+    Bench(bench::BenchArgs),
 }
 
 /// Runs the command line.
@@ -46,6 +53,8 @@ pub fn main() -> ExitCode {
         Command::Run(args) => run::run(&args).unwrap_or_else(|error| vec![error]),
         Command::Eval(args) => eval::eval(&args).err().into_iter().collect(),
         Command::Simulate(args) => simulate::simulate(&args).err().into_iter().collect(),
+        Command::Devices(args) => devices::devices(&args).unwrap_or_else(|error| vec![error]),
+        Command::Bench(args) => bench::bench(&args).unwrap_or_else(|error| vec![error]),
     };
     for error in &errors {
         eprintln!("error: {}", with_causes(error));

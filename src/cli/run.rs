@@ -1,5 +1,6 @@
 //! `ipslam run`: a log in; trajectory, map, pictures and a summary out.
 
+use super::backend::{BackendArgs, Chosen};
 use super::eval::Report;
 use super::interrupt;
 use super::mapping::{End, Mapped, map_log};
@@ -15,6 +16,7 @@ use ipslam::io::{LogSource, relations, tum};
 use ipslam::metrics::relations::relation_errors;
 use ipslam::metrics::trajectory::reference_errors;
 use ipslam::simulate::Simulation;
+use ipslam::slam::Slam;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -55,6 +57,8 @@ pub struct RunArgs {
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
     #[command(flatten)]
+    backend: BackendArgs,
+    #[command(flatten)]
     recording: RecordingArgs,
 }
 
@@ -82,8 +86,13 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("no threads (option --threads)")?;
     interrupt::watch()?;
 
-    eprintln!("mapping {name}: {} particles in {} maps", config.particles, config.maps);
-    let mut mapped = map_log(&*source, &config, args.max_scans, &mut observers)?;
+    let Chosen { evaluator, name: device } = args.backend.choose()?;
+    eprintln!("mapping {name}: {} particles in {} maps on the {device}", config.particles, config.maps);
+    let slam = match evaluator {
+        Some(evaluator) => Slam::with_evaluator(config, evaluator),
+        None => Slam::new(config),
+    };
+    let mut mapped = map_log(&*source, slam, &config, args.max_scans, &mut observers)?;
     let failures: Vec<String> = observers.iter().filter_map(|observer| observer.failure()).map(str::to_owned).collect();
     drop(observers);
     failures.into_iter().for_each(|failure| outputs.note(Err(anyhow!("the recording is not whole: {failure}"))));
@@ -116,8 +125,15 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let began = Instant::now();
     outputs.draw(&*source, &config, &mapped, &truth);
     let drawing_seconds = began.elapsed().as_secs_f64();
-    let summary =
-        Summary { name: &name, mapped: &mapped, config: &config, map_bytes, drawing_seconds, report: &report };
+    let summary = Summary {
+        name: &name,
+        device: &device,
+        mapped: &mapped,
+        config: &config,
+        map_bytes,
+        drawing_seconds,
+        report: &report,
+    };
     outputs.write("summary.json", format!("{:#}\n", summary.json()?).as_bytes());
     // Whoever closed this pipe has read enough; the summary is in its file.
     let _ = std::io::stdout().write_all(summary.table().as_bytes());

@@ -15,6 +15,7 @@ const NUMBERS_PER_POINT: u64 = 2;
 /// All there is to tell.
 pub struct Summary<'a> {
     pub name: &'a str,
+    pub device: &'a str,
     pub mapped: &'a Mapped,
     pub config: &'a Config,
     pub map_bytes: usize,
@@ -54,6 +55,9 @@ impl Summary<'_> {
             End::MaxScans => warnings.push(format!("ended after {} scans, as asked for", tally.scans)),
             End::Interrupted => warnings.push(format!("interrupted after {} scans", tally.scans)),
             End::BrokeOff(error) => warnings.push(format!("the log breaks off: {error}")),
+        }
+        if let Some(failure) = &self.mapped.evaluator_failure {
+            warnings.push(format!("{failure}; the CPU did the step again and went on"));
         }
         if let Some(first) = &stats.first_malformed {
             warnings.push(format!("malformed lines left out: {}; the first one: {first}", stats.malformed));
@@ -136,6 +140,7 @@ impl Summary<'_> {
                 "drawing_s": self.drawing_seconds,
             },
             "peak_memory_bytes": peak_memory(),
+            "device": self.device,
             "threads": rayon::current_num_threads(),
             "seed": config.seed,
             "configuration": with_infinities(serde_json::to_value(config)?),
@@ -187,6 +192,7 @@ impl Summary<'_> {
                     self.drawing_seconds
                 ),
             ),
+            ("", format!("particles on the {}", self.device)),
             (
                 "",
                 format!(

@@ -1,7 +1,9 @@
 //! Plain data of the evaluator, in f32 and in a frame near the robot.
 
 use crate::geometry::Pose;
+use crate::math::sin_cos;
 use crate::ppca::Cluster;
+use bytemuck::{Pod, Zeroable};
 use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
@@ -63,21 +65,18 @@ impl LikelihoodConfig {
     }
 }
 
-/// A cluster as the kernels see it. For an offset (a along, c across) of a point from the mean,
-/// ln p = `log_peak` - ½ (max(|a| - `half_length`, 0) · `along_scale`)² - ½ (c · `across_scale`)².
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A cluster as the kernels see it, in the evaluator's frame: for a point (x, y),
+/// ln p = `log_peak` - max(|a| - `half_length`, 0)² - c², where a = `along` · (x, y, 1) and c = `across` · (x, y, 1) are
+/// its offsets from the mean in units of √2 standard deviations.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ClusterParams {
-    /// Mean \[m\].
-    pub mean: [f32; 2],
-    /// Unit vector along the cluster.
-    pub direction: [f32; 2],
-    /// Half the length of the part where every place is as likely \[m\]; 0 for a normal latent.
+    /// Offset along the cluster; the unit is that of the fall-off beyond its ends.
+    pub along: [f32; 3],
+    /// Half the length of the part where every place is as likely, in the unit of `along`; 0 for a normal latent.
     pub half_length: f32,
-    /// 1 / standard deviation along, beyond that part \[1/m\].
-    pub along_scale: f32,
-    /// 1 / standard deviation across \[1/m\].
-    pub across_scale: f32,
+    /// Offset across it.
+    pub across: [f32; 3],
     /// ln p at the mean.
     pub log_peak: f32,
 }
@@ -95,27 +94,28 @@ impl ClusterParams {
                 ((3.0 * cluster.along_variance).sqrt(), config.end_sigma, -(std::f64::consts::TAU.sqrt() * across).ln())
             }
         };
+        let offset = |axis: Vector2<f64>, sigma: f64| {
+            let scaled = axis / (std::f64::consts::SQRT_2 * sigma);
+            [scaled.x as f32, scaled.y as f32, -scaled.dot(&mean) as f32]
+        };
         Self {
-            mean: [mean.x as f32, mean.y as f32],
-            direction: [cluster.direction.x as f32, cluster.direction.y as f32],
-            half_length: half_length as f32,
-            along_scale: (1.0 / along) as f32,
-            across_scale: (1.0 / across) as f32,
+            along: offset(cluster.direction, along),
+            half_length: (half_length / (std::f64::consts::SQRT_2 * along)) as f32,
+            across: offset(cluster.normal(), across),
             log_peak: log_peak as f32,
         }
     }
 
-    /// Half the width and height of the axis-parallel box outside which a point is likelier an outlier \[m\].
-    pub fn support(&self, log_outlier: f32) -> [f32; 2] {
-        let reach = (2.0 * (self.log_peak - log_outlier)).max(0.0).sqrt();
-        let (along, across) = (self.half_length + reach / self.along_scale, reach / self.across_scale);
-        let [x, y] = self.direction.map(f32::abs);
-        [x * along + y * across, y * along + x * across]
+    /// ln p at a point.
+    pub fn log_density(&self, x: f32, y: f32) -> f32 {
+        let [along, across] = [self.along, self.across].map(|[a, b, c]| a * x + b * y + c);
+        let beyond = (along.abs() - self.half_length).max(0.0);
+        self.log_peak - beyond * beyond - across * across
     }
 }
 
 /// A pose in the evaluator's frame: that of the world, moved to an origin near the robot.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct LocalPose {
     /// Metres.
@@ -135,31 +135,47 @@ impl LocalPose {
             heading: world_from_robot.heading as f32,
         }
     }
+
+    /// Back into the world.
+    pub fn in_world(self, origin: Point2<f64>) -> Pose {
+        Pose::new(f64::from(self.x) + origin.x, f64::from(self.y) + origin.y, f64::from(self.heading))
+    }
+
+    /// The pose after a motion (forward, sideways, turn) of the robot. The heading is not wrapped.
+    pub fn moved(self, motion: [f32; 3]) -> Self {
+        let (sin, cos) = sin_cos(self.heading);
+        let [forward, sideways, turn] = motion;
+        Self {
+            x: self.x + cos * forward - sin * sideways,
+            y: self.y + sin * forward + cos * sideways,
+            heading: self.heading + turn,
+        }
+    }
 }
 
 /// Points a tile: what one look for candidate clusters serves.
 pub const TILE: usize = 16;
 
 /// Consecutive points of a scan, with the circle around them.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Tile {
     /// Points in the robot's frame \[m\]; the last tile repeats its last point.
     pub x: [f32; TILE],
     /// As `x`.
     pub y: [f32; TILE],
-    /// How many of them count.
-    pub count: u32,
     /// Centre of a circle around them \[m\].
     pub centre: [f32; 2],
     /// Its radius \[m\].
     pub radius: f32,
+    /// How many of them count.
+    pub count: u32,
 }
 
 impl Tile {
     /// No point of it is further from the robot \[m\].
-    pub fn reach(&self) -> f64 {
-        f64::from(self.centre[0].hypot(self.centre[1]) + self.radius)
+    pub fn reach(&self) -> f32 {
+        self.centre[0].hypot(self.centre[1]) + self.radius
     }
 }
 
@@ -178,10 +194,10 @@ pub fn tiles(points: &[Point2<f64>], max_points: usize) -> Vec<Tile> {
             Tile {
                 x: std::array::from_fn(|lane| at(lane).x as f32),
                 y: std::array::from_fn(|lane| at(lane).y as f32),
-                count: chunk.len() as u32,
                 centre: [centre.x as f32, centre.y as f32],
                 // Room for the rounding to f32.
                 radius: (radius * (1.0 + 1e-6) + 1e-4) as f32,
+                count: chunk.len() as u32,
             }
         })
         .collect()

@@ -1,8 +1,198 @@
 //! Particles against maps: the part of the filter that runs over every particle and every point.
 //!
-//! `log_likelihood` is the log of eq. 18, `linearise` adds its gradient for the proposals, and `explain` tells which
-//! cluster each point belongs to. Everything here is f32 in a frame near the robot, so that a map kilometres from the
+//! An [`Evaluator`] draws the poses of all particles and tells how likely the scan is from each of them. There are two,
+//! with the same steps under the same names, and the same answers but for rounding: [`cpu`], and with the feature `gpu`
+//! [`gpu`], whose kernels are the files of `shaders/`.
+//!
+//! | Step | What | Equation |
+//! |---|---|---|
+//! | `propagate` | a pose for each particle, drawn from the motion | 17 |
+//! | `cull` | which clusters each tile of points can meet at all, from a group of poses | |
+//! | `refine` | Gauss-Newton steps from there to the top of the posterior: the log of eq. 18 plus that of eq. 17 | |
+//! | `draw` | a pose around the top, from the Laplace approximation | |
+//! | `weigh` | the log-likelihood of the scan | 18 |
+//!
+//! `propagate`, `refine` and `draw` together are the optimal proposal of FastSLAM 2.0, approximated: drawn from the
+//! posterior itself, a particle needs no correction for the proposal; its weight is that of eq. 18.
+//!
+//! Everything here is f32 in a frame near the robot, that of the [`ClusterTable`], so that a map kilometres from the
 //! origin keeps its millimetres; the host goes on in f64.
 
+use crate::map::Slot;
+use crate::random::Draw;
+use layout::{LocalPose, Tile};
+use serde::{Deserialize, Serialize};
+use table::ClusterTable;
+
 pub mod cpu;
+pub mod cull;
+pub mod failover;
+#[cfg(feature = "gpu")]
+pub mod gpu;
+pub mod grouping;
 pub mod layout;
+pub mod symmetric;
+pub mod table;
+pub mod workload;
+
+/// How particles are proposed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ProposalConfig {
+    /// At most this many Gauss-Newton steps; 0 proposes from the odometry alone, as in the paper.
+    pub iterations: u32,
+    /// Draws spread this many times as wide as the Laplace approximation of a posterior whose points err
+    /// independently; neighbouring points do not, and what the map has wrong they have wrong together.
+    pub spread: f64,
+    /// Starts a look for the robot between steps, drawn from the motion model.
+    pub tracking_starts: u32,
+}
+
+impl Default for ProposalConfig {
+    fn default() -> Self {
+        Self { iterations: 6, spread: 2.0, tracking_starts: 24 }
+    }
+}
+
+/// What all particles of a step look at.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene<'a> {
+    /// Every cluster.
+    pub table: &'a ClusterTable,
+    /// The points of the scan.
+    pub tiles: &'a [Tile],
+    /// For each map its clusters that the scan can meet, from wherever its particles may be.
+    pub maps: &'a [Vec<Slot>],
+}
+
+/// How the particles of a step are drawn.
+#[derive(Clone, Debug)]
+pub struct Propagation<'a> {
+    /// Seed of the random numbers.
+    pub seed: u64,
+    /// Step that they are for.
+    pub step: u32,
+    /// Draw that the noise of the motion takes.
+    pub draw: Draw,
+    /// For each map, where its particles go.
+    pub starts: &'a [Start],
+    /// Particles of each map; those of the first map come first.
+    pub particles_a_map: usize,
+    /// Whether the first particle of each map starts at the mean of the motion itself.
+    pub exact_first: bool,
+    /// Lower triangle whose product with standard normal numbers is the noise of the motion, in the robot's frame.
+    pub noise: symmetric::Cholesky,
+    /// Inverse covariance of the prior, (forward, sideways, heading) in its robot's frame.
+    pub prior_information: [f32; 6],
+    /// At most so many Gauss-Newton steps, and half as many with thick walls before; 0: none, and no look at the map.
+    pub iterations: u32,
+    /// Draws spread this many times as wide as the Laplace approximation.
+    pub spread: f32,
+}
+
+/// Where the particles of one map go.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// Mean of the motion that particles are drawn from.
+    pub mean: LocalPose,
+    /// Mean of the prior of the climb.
+    pub prior: LocalPose,
+}
+
+/// Where the motion alone expects a particle.
+#[derive(Clone, Copy, Debug)]
+pub struct Prior {
+    /// The mean.
+    pub pose: LocalPose,
+    /// Inverse covariance of (forward, sideways, heading) in the robot's frame: xx, xy, xh, yy, yh, hh.
+    pub information: [f32; 6],
+}
+
+/// A top of the posterior density of one particle's pose. Where no map was looked at, the pose alone means something.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Mode {
+    /// Where it is.
+    pub pose: LocalPose,
+    /// Log-likelihood of the scan there (eq. 18).
+    pub log_likelihood: f32,
+    /// The same plus the log of the prior, but for a constant.
+    pub log_posterior: f32,
+    /// Negative Hessian of that, by (forward, sideways, heading) in the robot's frame: xx, xy, xh, yy, yh, hh.
+    pub information: [f32; 6],
+}
+
+/// What a particle was given.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Proposal {
+    /// Its pose.
+    pub drawn: LocalPose,
+    /// The top of the posterior that it was drawn around.
+    pub mode: Mode,
+}
+
+/// Why an evaluator gave no answer.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EvaluatorError {
+    /// There is no device to run on.
+    #[error("no device: {reason}")]
+    NoDevice {
+        /// What was looked for, what was found, and what to do.
+        reason: String,
+    },
+    /// The device gave up.
+    #[error("the device {device} failed: {reason}")]
+    DeviceFailed {
+        /// Its name.
+        device: String,
+        /// In the words of its driver.
+        reason: String,
+    },
+    /// More than the device holds.
+    #[error("the device {device} has no room for {what}: {needed} bytes, and it can hold {largest}")]
+    TooLarge {
+        /// Its name.
+        device: String,
+        /// What was to be stored.
+        what: &'static str,
+        /// Bytes that it takes.
+        needed: u64,
+        /// Bytes that there are.
+        largest: u64,
+    },
+}
+
+/// Draws and weighs particles.
+pub trait Evaluator: std::fmt::Debug + Send {
+    /// Draws a pose for every particle: motion, climb and draw. As many proposals as maps times particles a map.
+    ///
+    /// # Errors
+    /// The device failed; the same call to another evaluator gives what this one should have given.
+    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError>;
+
+    /// The log-likelihood (eq. 18) of the scan from each pose; as many poses for each map, those of the first map first.
+    ///
+    /// # Errors
+    /// As for `propagate`.
+    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError>;
+}
+
+/// Longest step of one iteration \[m, m, rad\]: a quadratic is trusted no further.
+pub const MAX_STEP: [f32; 3] = [0.3, 0.3, 0.15];
+/// A step that moves the robot less than this changes nothing \[m, m, rad\].
+pub const CONVERGED: [f32; 3] = [5e-4, 5e-4, 2e-4];
+/// Candidate lists of a climb hold for poses this much outside those they were made for \[m, rad\], so that not every
+/// step needs new ones.
+pub const SLACK: [f32; 2] = [0.1, 0.03];
+
+impl Propagation<'_> {
+    /// How far \[m\] a particle can come to be from its map's `mean`: the longest noise there is, and all steps of a
+    /// climb.
+    pub fn longest_way(&self) -> f32 {
+        // Box-Muller of 23 bits: no number is greater than √(-2 ln 2⁻²⁴).
+        const LARGEST_NORMAL: f32 = 5.77;
+        let [l00, l10, l11, ..] = self.noise.0;
+        let noise = LARGEST_NORMAL * (l00.abs() + l10.abs() + l11.abs());
+        noise + (self.iterations / 2 + self.iterations) as f32 * MAX_STEP[0].hypot(MAX_STEP[1])
+    }
+}

@@ -1,6 +1,7 @@
 //! Which clusters of a scan are which clusters of the map (III-D of the paper).
 
 use crate::ppca::Cluster;
+use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 /// How scan clusters find their map clusters.
@@ -35,19 +36,40 @@ impl Default for MatchingConfig {
     }
 }
 
+/// A circle around a cluster, to leave aside at little cost what is too far off to be the same wall.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Circle {
+    centre: Point2<f64>,
+    radius: f64,
+}
+
+impl Circle {
+    pub(super) fn around(cluster: &Cluster) -> Self {
+        let radius = (3.0 * cluster.along_variance).sqrt() + cluster.across_variance.sqrt();
+        Self { centre: cluster.mean, radius }
+    }
+
+    /// Whether two clusters in these circles may match at all, by whichever rule.
+    pub(super) fn may_match(&self, other: &Self, config: &MatchingConfig) -> bool {
+        let reach = self.radius + other.radius + config.max_gap + config.max_distance;
+        (self.centre - other.centre).norm_squared() <= reach * reach
+    }
+}
+
 /// For each scan cluster the index of its map cluster, if it has one. Both sets are in the world's frame.
 pub fn match_clusters(map: &[Cluster], scan: &[Cluster], config: &MatchingConfig) -> Vec<Option<usize>> {
+    let circles: Vec<Circle> = map.iter().map(Circle::around).collect();
     match config.rule {
-        MatchingRule::Paper => greedy(map, scan, config),
-        MatchingRule::Collinear => scan.iter().map(|cluster| most_collinear(map, cluster, config)).collect(),
+        MatchingRule::Paper => greedy(map, &circles, scan, config),
+        MatchingRule::Collinear => scan.iter().map(|cluster| most_collinear(map, &circles, cluster, config)).collect(),
     }
 }
 
 /// Greedily the pairs of smallest distance, each cluster in one pair at most.
-fn greedy(map: &[Cluster], scan: &[Cluster], config: &MatchingConfig) -> Vec<Option<usize>> {
+fn greedy(map: &[Cluster], circles: &[Circle], scan: &[Cluster], config: &MatchingConfig) -> Vec<Option<usize>> {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
     for (s, scan_cluster) in scan.iter().enumerate() {
-        for (m, map_cluster) in map.iter().enumerate() {
+        for (m, map_cluster) in near(map, circles, scan_cluster, config) {
             let distance = paper_distance(map_cluster, scan_cluster, config.max_angle);
             if distance <= config.max_distance {
                 pairs.push((distance, s, m));
@@ -81,20 +103,33 @@ pub fn paper_distance(a: &Cluster, b: &Cluster, max_angle: f64) -> f64 {
     }
 }
 
+/// The clusters of a map that may match a cluster, and their places in it.
+fn near<'a>(
+    map: &'a [Cluster],
+    circles: &'a [Circle],
+    cluster: &Cluster,
+    config: &'a MatchingConfig,
+) -> impl Iterator<Item = (usize, &'a Cluster)> {
+    let circle = Circle::around(cluster);
+    let is_near = move |candidate: &(usize, &Circle)| candidate.1.may_match(&circle, config);
+    circles.iter().enumerate().filter(is_near).map(|(index, _)| (index, &map[index]))
+}
+
 /// The map cluster on whose line a cluster lies best.
-fn most_collinear(map: &[Cluster], cluster: &Cluster, config: &MatchingConfig) -> Option<usize> {
-    let distances = map.iter().map(|candidate| line_distance(candidate, cluster, config));
-    let (best, distance) = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
+fn most_collinear(map: &[Cluster], circles: &[Circle], cluster: &Cluster, config: &MatchingConfig) -> Option<usize> {
+    let near = near(map, circles, cluster, config);
+    let distances = near.map(|(index, candidate)| (index, line_distance(candidate, cluster, config)));
+    let (best, distance) = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;
     distance.is_finite().then_some(best)
 }
 
 /// How far two clusters are from lying on one line without a gap \[m\]; infinite where they are not the same wall.
 pub fn line_distance(a: &Cluster, b: &Cluster, config: &MatchingConfig) -> f64 {
     let (long, short) = if a.along_variance >= b.along_variance { (a, b) } else { (b, a) };
-    let half = 3f64.sqrt();
-    let (long_half, short_half) = (half * long.along_variance.sqrt(), half * short.along_variance.sqrt());
     let apart = short.mean - long.mean;
     let (along, across) = (long.direction.dot(&apart), long.normal().dot(&apart));
+    let half = 3f64.sqrt();
+    let (long_half, short_half) = (half * long.along_variance.sqrt(), half * short.along_variance.sqrt());
     let alignment = long.direction.dot(&short.direction).abs();
     if alignment < config.max_angle.cos() || along.abs() - long_half - short_half * alignment > config.max_gap {
         return f64::INFINITY;

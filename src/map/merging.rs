@@ -1,6 +1,6 @@
 //! A scan's clusters become part of the map (III-E of the paper).
 
-use super::matching::{MatchingConfig, line_distance, match_clusters};
+use super::matching::{Circle, MatchingConfig, line_distance, match_clusters};
 use super::{MapCluster, Slot};
 use crate::ppca::{Cluster, Moments};
 use serde::{Deserialize, Serialize};
@@ -164,25 +164,24 @@ pub fn consolidated(map: &[Cluster], matching: &MatchingConfig, config: &Merging
 
 /// Joins each changed cluster with what it has come to overlap, as long as the union is still a line.
 fn consolidate(entries: &mut [Entry], matching: &MatchingConfig, config: &MergingConfig) {
+    let mut circles: Vec<Circle> = entries.iter().map(|entry| Circle::around(&entry.entry.cluster)).collect();
     for i in 0..entries.len() {
         if entries[i].state != State::Changed {
             continue;
         }
         for j in 0..entries.len() {
-            if i == j || entries[j].state == State::Gone {
+            if !circles[i].may_match(&circles[j], matching) || i == j || entries[j].state == State::Gone {
                 continue;
             }
-            let (a, b) = (entries[i].entry, entries[j].entry);
+            let (a, b) = (&entries[i].entry, &entries[j].entry);
             if line_distance(&a.cluster, &b.cluster, matching).is_infinite() {
                 continue;
             }
             let union = merge(&a.cluster, &b.cluster, MergingMethod::Moments);
             if union.across_variance <= config.max_across.powi(2) {
-                entries[i].entry = MapCluster {
-                    cluster: union,
-                    last_step: a.last_step.max(b.last_step),
-                    sightings: a.sightings.max(b.sightings),
-                };
+                let (last_step, sightings) = (a.last_step.max(b.last_step), a.sightings.max(b.sightings));
+                entries[i].entry = MapCluster { cluster: union, last_step, sightings };
+                circles[i] = Circle::around(&union);
                 entries[j].state = State::Gone;
             }
         }

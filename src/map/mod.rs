@@ -27,6 +27,7 @@ pub type Slot = u32;
 pub struct Pool {
     clusters: Vec<MapCluster>,
     free: Vec<Slot>,
+    inserted: Vec<Slot>,
 }
 
 /// One map hypothesis: slots of the pool, each once, in the order in which they were added.
@@ -39,13 +40,30 @@ pub struct Map {
 impl Pool {
     /// Puts a cluster in.
     pub fn insert(&mut self, cluster: MapCluster) -> Slot {
-        if let Some(slot) = self.free.pop() {
+        let slot = if let Some(slot) = self.free.pop() {
             self.clusters[slot as usize] = cluster;
             slot
         } else {
             self.clusters.push(cluster);
             (self.clusters.len() - 1) as Slot
-        }
+        };
+        self.inserted.push(slot);
+        slot
+    }
+
+    /// Slots that clusters were put into since this was asked last; some may have been freed since.
+    pub fn take_inserted(&mut self) -> Vec<Slot> {
+        std::mem::take(&mut self.inserted)
+    }
+
+    /// The cluster in a slot.
+    pub fn get(&self, slot: Slot) -> &MapCluster {
+        &self.clusters[slot as usize]
+    }
+
+    /// Slots that there are, free ones included: all are below this.
+    pub fn capacity(&self) -> usize {
+        self.clusters.len()
     }
 
     /// Frees what none of these maps holds.

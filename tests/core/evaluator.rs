@@ -1,11 +1,14 @@
 //! The evaluator, which computes in f32 near the robot, against eq. 9 and 18 in f64 in the world's frame.
 
+use crate::oracle::{slow, slow_point};
 use crate::{normals, uniforms, wall};
-use ipslam::evaluator::cpu::LocalMap;
-use ipslam::evaluator::layout::{ClusterParams, Latent, LikelihoodConfig, LocalPose, tiles};
+use ipslam::evaluator::cpu::{Evaluation, View};
+use ipslam::evaluator::cull::{Candidates, LocalMap};
+use ipslam::evaluator::layout::{ClusterParams, Latent, LikelihoodConfig, LocalPose, Tile, tiles};
+use ipslam::evaluator::symmetric::unpacked;
 use ipslam::geometry::Pose;
 use ipslam::ppca::Cluster;
-use nalgebra::{Matrix2, Point2, Vector2};
+use nalgebra::{Point2, Vector2};
 use std::f64::consts::{PI, TAU};
 
 /// Mean of the points, in nats. Coordinates of 15 m are rounded by 1 µm in f32; where a standard deviation is 1 cm and a
@@ -13,36 +16,39 @@ use std::f64::consts::{PI, TAU};
 /// from point to point.
 const TOLERANCE: f64 = 1e-4;
 
-/// ln max p of one point, written from eq. 9 and from the documentation of `ClusterParams`.
-fn slow_point(clusters: &[Cluster], point: Point2<f64>, config: &LikelihoodConfig) -> f64 {
-    let densities = clusters.iter().map(|cluster| {
-        let offset = point - cluster.mean;
-        let [ux, uy] = [cluster.direction.x, cluster.direction.y];
-        match config.latent {
-            Latent::Normal => {
-                let floor = config.sigma_floor.powi(2);
-                let (l1, l2) = (cluster.along_variance.max(floor), cluster.across_variance.max(floor));
-                let (xx, xy, yy) = (l1 * ux * ux + l2 * uy * uy, (l1 - l2) * ux * uy, l1 * uy * uy + l2 * ux * ux);
-                let covariance = Matrix2::new(xx, xy, xy, yy);
-                let distance2 = (offset.transpose() * covariance.try_inverse().unwrap() * offset)[0];
-                -TAU.ln() - 0.5 * covariance.determinant().ln() - 0.5 * distance2
-            }
-            Latent::Uniform => {
-                let sigma = cluster.across_variance.sqrt().max(config.sigma_floor);
-                let [a, b] = cluster.endpoints();
-                let beyond = f64::max(offset.dot(&(a - b)).abs() / (a - b).norm() - 0.5 * (a - b).norm(), 0.0);
-                let across = offset.perp(&cluster.direction);
-                -0.5 * (TAU * sigma * sigma).ln()
-                    - 0.5 * (beyond / config.end_sigma).powi(2)
-                    - 0.5 * (across / sigma).powi(2)
-            }
-        }
-    });
-    densities.fold(config.outlier_density.ln(), f64::max)
+/// A map in the frame of the evaluator, and looks at it.
+struct Near {
+    map: LocalMap,
+    origin: Point2<f64>,
 }
 
-fn slow(clusters: &[Cluster], pose: Pose, points: &[Point2<f64>], config: &LikelihoodConfig) -> f64 {
-    points.iter().map(|&point| slow_point(clusters, pose * point, config)).sum()
+impl Near {
+    fn new(clusters: &[Cluster], pose: Pose, config: &LikelihoodConfig) -> Self {
+        let origin = pose.position().map(f64::round);
+        let params = clusters.iter().map(|cluster| ClusterParams::new(cluster, origin, config));
+        Self { map: LocalMap::new(params, config.log_outlier()), origin }
+    }
+
+    fn look<T>(&self, pose: Pose, tiles: &[Tile], look: impl FnOnce(View<'_>, LocalPose) -> T) -> T {
+        let pose = LocalPose::new(pose, self.origin);
+        let mut candidates = Candidates::default();
+        candidates.cover(&self.map, tiles, &[pose], [0.0; 2]);
+        look(View { tiles, candidates: &candidates, log_outlier: self.map.log_outlier() }, pose)
+    }
+
+    fn log_likelihood(&self, pose: Pose, tiles: &[Tile]) -> f64 {
+        let mut out = [f32::NAN];
+        self.look(pose, tiles, |view, pose| view.log_likelihoods(&[pose], &mut out));
+        f64::from(out[0])
+    }
+
+    fn linearise(&self, pose: Pose, tiles: &[Tile]) -> Evaluation {
+        self.look(pose, tiles, |view, pose| view.linearise(pose))
+    }
+
+    fn explain(&self, pose: Pose, tiles: &[Tile]) -> Vec<Option<usize>> {
+        self.look(pose, tiles, |view, pose| view.explain(pose))
+    }
 }
 
 /// A robot among walls, with points on them and some elsewhere.
@@ -89,7 +95,7 @@ fn log_likelihood_is_that_of_equation_18() {
         for (seed, config) in (0..20).flat_map(|seed| configs().into_iter().map(move |config| (seed, config))) {
             let Scene { mut clusters, pose, points } = scene(seed, centre);
             let tiles = tiles(&points, usize::MAX);
-            let found = LocalMap::new(&clusters, pose, &config).log_likelihood(pose, &tiles);
+            let found = Near::new(&clusters, pose, &config).log_likelihood(pose, &tiles);
             let expected = slow(&clusters, pose, &points, &config);
             let error = (found - expected).abs() / points.len() as f64;
             worst = worst.max(error);
@@ -110,7 +116,7 @@ fn points_are_explained_by_their_likeliest_cluster() {
     let mut outliers = 0;
     for (seed, config) in (0..10).flat_map(|seed| configs().into_iter().map(move |config| (seed, config))) {
         let Scene { clusters, pose, points } = scene(seed, Point2::origin());
-        let explained = LocalMap::new(&clusters, pose, &config).explain(pose, &tiles(&points, usize::MAX));
+        let explained = Near::new(&clusters, pose, &config).explain(pose, &tiles(&points, usize::MAX));
         assert_eq!(explained.len(), points.len());
         for (&point, cluster) in points.iter().zip(explained) {
             let best = slow_point(&clusters, pose * point, &config);
@@ -123,33 +129,64 @@ fn points_are_explained_by_their_likeliest_cluster() {
     assert!((100..3_000).contains(&outliers), "{outliers} outliers: nothing tested");
 }
 
-/// The boxes leave out only what cannot be the maximum: the sum is the same to the last bit without them.
+/// Candidate lists leave out only what cannot be the maximum: from any pose of a group the sums are the same to the last
+/// bit as over all clusters.
 #[test]
-fn support_boxes_never_change_the_maximum() {
+fn culling_never_changes_the_maximum() {
+    let (mut listed, mut all) = (0, 0);
     for (seed, config) in (0..50).flat_map(|seed| configs().into_iter().map(move |config| (seed, config))) {
-        let Scene { clusters, pose, points } = scene(seed, Point2::new(40.0, 30.0));
-        // One point a tile: a tile's own size is the slack of a box.
-        let tiles: Vec<_> = points.iter().flat_map(|&point| tiles(&[point], 1)).collect();
-        let origin = Point2::new(pose.x.round(), pose.y.round());
-        let params: Vec<_> = clusters.iter().map(|cluster| ClusterParams::new(cluster, origin, &config)).collect();
-        let at = LocalPose::new(pose, origin);
-        let (sin, cos) = at.heading.sin_cos();
-        let every_cluster = |px: f32, py: f32| {
-            let (x, y) = (at.x + cos * px - sin * py, at.y + sin * px + cos * py);
-            params.iter().fold(config.log_outlier(), |best, cluster| {
-                let (dx, dy) = (x - cluster.mean[0], y - cluster.mean[1]);
-                let [ux, uy] = cluster.direction;
-                let (along, across) = (ux * dx + uy * dy, ux * dy - uy * dx);
-                let beyond = (along.abs() - cluster.half_length).max(0.0) * cluster.along_scale;
-                let across = across * cluster.across_scale;
-                best.max(cluster.log_peak - 0.5 * (beyond * beyond + across * across))
-            })
+        let Scene { clusters, pose, mut points } = scene(seed, Point2::new(40.0, 30.0));
+        // Neighbours in a tile are neighbours in the world, as the beams of a laser are.
+        points.sort_by(|a, b| a.y.atan2(a.x).total_cmp(&b.y.atan2(b.x)));
+        let tiles = tiles(&points, usize::MAX);
+        let Near { map, origin } = Near::new(&clusters, pose, &config);
+        let mut z = normals(seed);
+        let mut near = |_| {
+            let [x, y, heading] = [0.1, 0.1, 0.05].map(|sigma| sigma * z.next().unwrap());
+            LocalPose::new(pose * Pose::new(x, y, heading), origin)
         };
-        let expected = tiles.iter().fold(0.0, |sum, tile| {
-            sum + (0..tile.count as usize).map(|lane| every_cluster(tile.x[lane], tile.y[lane])).sum::<f32>()
-        });
-        let found = LocalMap::new(&clusters, pose, &config).log_likelihood(pose, &tiles);
-        assert_eq!(found, f64::from(expected), "seed {seed}, {config:?}");
+        let poses: Vec<LocalPose> = (0..20).map(&mut near).collect();
+        let mut candidates = Candidates::default();
+        candidates.cover(&map, &tiles, &poses, [0.0; 2]);
+        let everything = Candidates::everything(&map, &tiles);
+        listed += candidates.len();
+        all += everything.len();
+        let sums = |candidates: &Candidates| {
+            let mut out = vec![f32::NAN; poses.len()];
+            View { tiles: &tiles, candidates, log_outlier: map.log_outlier() }.log_likelihoods(&poses, &mut out);
+            out
+        };
+        assert_eq!(sums(&candidates), sums(&everything), "seed {seed}, {config:?}");
+        for &pose in &poses {
+            let explained =
+                |candidates| View { tiles: &tiles, candidates, log_outlier: map.log_outlier() }.explain(pose);
+            assert_eq!(explained(&candidates), explained(&everything), "seed {seed}, {config:?}");
+        }
+        // Lists for one place are not those of another: something is left out, and it matters where.
+        let elsewhere = LocalPose { x: poses[0].x + 5.0, ..poses[0] };
+        let mut there = Candidates::default();
+        there.cover(&map, &tiles, &[elsewhere], [0.0; 2]);
+        assert_ne!(sums(&there), sums(&everything), "seed {seed}, {config:?}: lists that hold elsewhere do as well");
+    }
+    println!("{listed} candidates of {all}: {:.1} %", 100.0 * listed as f64 / all as f64);
+    assert!(2 * listed < all, "next to nothing was left out");
+}
+
+/// The vector instructions against the formula of `ClusterParams`, to the rounding of a few operations.
+#[test]
+fn vectors_compute_what_the_formula_says() {
+    for (seed, config) in (0..10).flat_map(|seed| configs().into_iter().map(move |config| (seed, config))) {
+        let Scene { clusters, pose, points } = scene(seed, Point2::origin());
+        let params: Vec<_> =
+            clusters.iter().map(|c| ClusterParams::new(c, pose.position().map(f64::round), &config)).collect();
+        let near = Near::new(&clusters, pose, &config);
+        for &point in &points {
+            let moved = pose * point - near.origin.coords;
+            let expected = params.iter().map(|c| c.log_density(moved.x as f32, moved.y as f32));
+            let expected = expected.fold(config.log_outlier(), f32::max);
+            let found = near.log_likelihood(pose, &tiles(&[point], 1)) as f32;
+            assert!((found - expected).abs() < 5e-3, "seed {seed}: {found}, not {expected}");
+        }
     }
 }
 
@@ -158,7 +195,7 @@ fn support_boxes_never_change_the_maximum() {
 fn a_wall_reaches_as_far_as_it_is_likelier_than_an_outlier() {
     let config = LikelihoodConfig::default();
     let clusters = [wall([-1.0, 0.0], [1.0, 0.0], 0.0, 50.0)];
-    let map = LocalMap::new(&clusters, Pose::IDENTITY, &config);
+    let map = Near::new(&clusters, Pose::IDENTITY, &config);
     let peak = -(TAU.sqrt() * config.sigma_floor).ln();
     let reach = (2.0 * (peak - config.outlier_density.ln())).sqrt();
     for (share, expected) in [(0.995, Some(0)), (1.005, None)] {
@@ -191,7 +228,7 @@ fn gradient_is_the_derivative() {
     let tiles = tiles(&points, usize::MAX);
     for config in configs() {
         for pose in [Pose::new(0.02, -0.03, 0.004), Pose::new(-0.01, 0.02, -0.006)] {
-            let evaluation = LocalMap::new(&clusters, pose, &config).linearise(pose, &tiles);
+            let evaluation = Near::new(&clusters, pose, &config).linearise(pose, &tiles);
             let value = |step: Pose| slow(&clusters, pose * step, &points, &config);
             let steps = [Pose::new(STEP, 0.0, 0.0), Pose::new(0.0, STEP, 0.0), Pose::new(0.0, 0.0, STEP)];
             let expected = steps.map(|step| (value(step) - value(step.inverse())) / (2.0 * STEP));
@@ -204,8 +241,11 @@ fn gradient_is_the_derivative() {
             assert!((log_likelihood - value(Pose::IDENTITY)).abs() < TOLERANCE * points.len() as f64);
             // The gradient of another place is another one.
             let there = pose * Pose::new(0.005, 0.005, 0.0);
-            let other = LocalMap::new(&clusters, pose, &config).linearise(there, &tiles).gradient_vector();
-            assert!((other - nalgebra::Vector3::from(expected)).norm() / size > 2e-3, "{config:?}");
+            let other = Near::new(&clusters, pose, &config).linearise(there, &tiles).gradient.map(f64::from);
+            assert!(
+                (nalgebra::Vector3::from(other) - nalgebra::Vector3::from(expected)).norm() / size > 2e-3,
+                "{config:?}"
+            );
         }
     }
 }
@@ -214,8 +254,8 @@ fn gradient_is_the_derivative() {
 fn information_is_positive_semidefinite() {
     for (seed, config) in (0..20).flat_map(|seed| configs().into_iter().map(move |config| (seed, config))) {
         let Scene { clusters, pose, points } = scene(seed, Point2::origin());
-        let evaluation = LocalMap::new(&clusters, pose, &config).linearise(pose, &tiles(&points, usize::MAX));
-        let information = evaluation.information_matrix();
+        let evaluation = Near::new(&clusters, pose, &config).linearise(pose, &tiles(&points, usize::MAX));
+        let information = unpacked(evaluation.information);
         let eigenvalues = information.symmetric_eigenvalues();
         assert_eq!(information, information.transpose());
         assert!(eigenvalues.max() > 0.0 && eigenvalues.min() > -1e-5 * eigenvalues.max(), "seed {seed}: {eigenvalues}");
@@ -227,8 +267,8 @@ fn information_is_positive_semidefinite() {
 fn information_along_a_single_wall_is_zero() {
     let clusters = [wall([-5.0, 1.0], [5.0, 1.0], 0.02, 50.0)];
     let points: Vec<_> = (-10..=10).map(|i| Point2::new(0.1 * f64::from(i), 1.0)).collect();
-    let map = LocalMap::new(&clusters, Pose::IDENTITY, &LikelihoodConfig::default());
-    let information = map.linearise(Pose::IDENTITY, &tiles(&points, usize::MAX)).information_matrix();
+    let map = Near::new(&clusters, Pose::IDENTITY, &LikelihoodConfig::default());
+    let information = unpacked(map.linearise(Pose::IDENTITY, &tiles(&points, usize::MAX)).information);
     // 21 points with σ = 3 cm, the floor.
     assert_eq!(information[(0, 0)], 0.0);
     assert!((information[(1, 1)] / (21.0 / 0.03f64.powi(2)) - 1.0).abs() < 1e-5, "{information}");
@@ -240,11 +280,11 @@ fn nothing_to_see_is_no_error() {
     let (clusters, points) = room();
     let none = tiles(&[], 180);
     assert!(none.is_empty());
-    let map = LocalMap::new(&clusters, Pose::IDENTITY, &config);
+    let map = Near::new(&clusters, Pose::IDENTITY, &config);
     assert_eq!(map.log_likelihood(Pose::IDENTITY, &none), 0.0);
     assert!(map.explain(Pose::IDENTITY, &none).is_empty());
 
-    let empty = LocalMap::new(&[], Pose::IDENTITY, &config);
+    let empty = Near::new(&[], Pose::IDENTITY, &config);
     let tiles = tiles(&points, usize::MAX);
     let expected = points.len() as f64 * config.outlier_density.ln();
     assert!((empty.log_likelihood(Pose::IDENTITY, &tiles) - expected).abs() < TOLERANCE * points.len() as f64);

@@ -11,6 +11,8 @@ mod drive;
 mod evaluator;
 mod matching;
 mod merging;
+#[path = "../common/oracle.rs"]
+mod oracle;
 mod proposal;
 
 use ipslam::geometry::Pose;

@@ -1,13 +1,17 @@
 //! Scan matching in a room that is known, and draws from the Laplace approximation.
 
 use crate::{uniforms, wall};
-use ipslam::evaluator::cpu::LocalMap;
-use ipslam::evaluator::layout::{LikelihoodConfig, Tile, tiles};
+use ipslam::evaluator::cpu::propagate_all;
+use ipslam::evaluator::layout::{LikelihoodConfig, LocalPose, Tile, tiles};
+use ipslam::evaluator::symmetric::{Cholesky, unpacked};
+use ipslam::evaluator::table::ClusterTable;
+use ipslam::evaluator::{Propagation, Proposal, Scene, Start};
 use ipslam::geometry::Pose;
-use ipslam::proposal::{Mode, Prior, Surroundings, draw};
-use ipslam::random::{Draw, normals};
+use ipslam::map::{Map, MapCluster, Pool};
+use ipslam::random::Draw;
 use nalgebra::{Matrix3, Point2, Vector3};
 
+const SEED: u64 = 61;
 const ROOM: [f64; 2] = [6.0, 4.0];
 
 fn walls() -> Vec<ipslam::ppca::Cluster> {
@@ -29,21 +33,34 @@ fn scan(world_from_robot: Pose) -> Vec<Point2<f64>> {
         .collect()
 }
 
-fn surroundings(robot: Pose) -> Surroundings {
-    let likelihood = LikelihoodConfig::default();
-    Surroundings {
-        fine: LocalMap::new(&walls(), robot, &likelihood),
-        coarse: LocalMap::new(&walls(), robot, &likelihood.capturing()),
-    }
+/// Proposals of `count` particles that start at `start` exactly; the prior is a ball of this information around `prior`.
+fn propose(start: Pose, prior: Pose, information: f32, spread: f32, count: usize, tiles: &[Tile]) -> Vec<Proposal> {
+    let mut pool = Pool::default();
+    let slots = walls().into_iter().map(|cluster| pool.insert(MapCluster { cluster, last_step: 0, sightings: 1 }));
+    let map = Map { slots: slots.collect() };
+    let mut table = ClusterTable::new(LikelihoodConfig::default());
+    table.update(&mut pool, start);
+    let start = Start { mean: LocalPose::new(start, table.anchor()), prior: LocalPose::new(prior, table.anchor()) };
+    let how = Propagation {
+        seed: SEED,
+        step: 1,
+        draw: Draw::Motion,
+        starts: &[start],
+        particles_a_map: count,
+        exact_first: false,
+        noise: Cholesky([0.0; 6]),
+        prior_information: [information, 0.0, 0.0, information, 0.0, information],
+        iterations: 20,
+        spread,
+    };
+    let proposals = propagate_all(&Scene { table: &table, tiles, maps: &[map.slots] }, &how);
+    assert_eq!(proposals.len(), count);
+    proposals
 }
 
-/// Says next to nothing.
-fn wide_prior(world_from_robot: Pose) -> Prior {
-    Prior { world_from_robot, information: Matrix3::identity() * 1e-3 }
-}
-
-fn climbed(start: Pose, tiles: &[Tile]) -> Mode {
-    surroundings(start).climb(start, &wide_prior(start), tiles, 20)
+/// Where one climbs to; the prior says next to nothing.
+fn climbed(start: Pose, tiles: &[Tile]) -> Pose {
+    propose(start, start, 1e-3, 1.0, 1, tiles)[0].mode.pose.in_world(Point2::origin())
 }
 
 fn off(found: Pose, truth: Pose) -> (f64, f64) {
@@ -53,14 +70,13 @@ fn off(found: Pose, truth: Pose) -> (f64, f64) {
 
 #[test]
 fn climbs_to_where_the_scan_was_taken() {
-    const SEED: u64 = 61;
     let truth = Pose::new(2.2, 1.7, 0.9);
     let seen = tiles(&scan(truth), usize::MAX);
     let numbers: Vec<f64> = uniforms(SEED).map(|u| 2.0 * u - 1.0).take(60).collect();
     let mut worst: (f64, f64) = (0.0, 0.0);
     for (number, u) in numbers.chunks(3).enumerate() {
         let start = truth * Pose::new(0.14 * u[0], 0.14 * u[1], 0.1 * u[2]);
-        let (position, heading) = off(climbed(start, &seen).world_from_robot, truth);
+        let (position, heading) = off(climbed(start, &seen), truth);
         worst = (worst.0.max(position), worst.1.max(heading));
         assert!(position < 1e-3 && heading < 1e-3, "seed {SEED}, start {number}: {position} m, {heading} rad off");
     }
@@ -68,7 +84,7 @@ fn climbs_to_where_the_scan_was_taken() {
 
     // A scan taken elsewhere leads elsewhere.
     let elsewhere = tiles(&scan(truth * Pose::new(0.02, 0.0, 0.0)), usize::MAX);
-    assert!(off(climbed(truth, &elsewhere).world_from_robot, truth).0 > 1e-2);
+    assert!(off(climbed(truth, &elsewhere), truth).0 > 1e-2);
 }
 
 /// Where the scan says nothing, the prior decides; where it says something, a strong prior holds against it.
@@ -77,8 +93,7 @@ fn the_prior_counts() {
     let (truth, expected) = (Pose::new(2.2, 1.7, 0.9), Pose::new(2.25, 1.75, 0.92));
     let start = Pose::new(2.21, 1.69, 0.91);
     for (tiles, information) in [(vec![], 1.0), (tiles(&scan(truth), usize::MAX), 1e12)] {
-        let prior = Prior { world_from_robot: expected, information: Matrix3::identity() * information };
-        let found = surroundings(start).climb(start, &prior, &tiles, 20).world_from_robot;
+        let found = propose(start, expected, information, 1.0, 1, &tiles)[0].mode.pose.in_world(Point2::origin());
         let (position, heading) = off(found, expected);
         assert!(position < 1e-3 && heading < 1e-3, "{found:?}, not {expected:?}");
     }
@@ -88,15 +103,19 @@ fn the_prior_counts() {
 /// Wishart matrix.
 #[test]
 fn draws_have_the_covariance_of_the_laplace_approximation() {
-    const SEED: u64 = 62;
     const COUNT: u32 = 20_000;
     const SPREAD: f64 = 2.0;
-    let root = Matrix3::new(80.0, 0.0, 0.0, 30.0, 50.0, 0.0, -20.0, 10.0, 120.0);
-    let mode =
-        Mode { world_from_robot: Pose::new(5.0, -3.0, 2.5), information: root * root.transpose(), log_posterior: 0.0 };
-    let draws: Vec<Vector3<f64>> = (0..COUNT)
-        .map(|i| draw(&mode, SPREAD, normals(SEED, 0, i, Draw::Proposal)).seen_from(mode.world_from_robot))
-        .map(|step| Vector3::new(step.x, step.y, step.heading))
+    let truth = Pose::new(2.2, 1.7, 0.9);
+    let proposals = propose(truth, truth, 1e-3, SPREAD as f32, COUNT as usize, &tiles(&scan(truth), usize::MAX));
+    let mode = proposals[0].mode;
+    let draws: Vec<Vector3<f64>> = proposals
+        .iter()
+        .map(|proposal| {
+            assert_eq!(proposal.mode, mode, "from one place all climb to one top");
+            let [drawn, top] = [proposal.drawn, mode.pose].map(|pose| pose.in_world(Point2::origin()));
+            let step = drawn.seen_from(top);
+            Vector3::new(step.x, step.y, step.heading)
+        })
         .collect();
     let n = f64::from(COUNT);
     let mean = draws.iter().sum::<Vector3<f64>>() / n;
@@ -109,7 +128,7 @@ fn draws_have_the_covariance_of_the_laplace_approximation() {
         };
         (0..9).map(|k| of(k / 3, k % 3)).fold(0.0, f64::max)
     };
-    let expected = mode.information.try_inverse().unwrap() * SPREAD.powi(2);
+    let expected = unpacked(mode.information).try_inverse().unwrap() * SPREAD.powi(2);
     assert!(deviation(expected) < 4.5, "seed {SEED}: {covariance}, not {expected}");
     assert!(deviation(expected * 1.1) > 4.5, "a spread that is 5 % off goes unnoticed");
     for axis in 0..3 {
@@ -118,9 +137,10 @@ fn draws_have_the_covariance_of_the_laplace_approximation() {
     }
 }
 
+/// Nothing seen, nothing expected: there is no top, and nothing is drawn.
 #[test]
 fn a_mode_without_information_is_kept() {
-    let world_from_robot = Pose::new(1.0, 2.0, 3.0);
-    let mode = Mode { world_from_robot, information: Matrix3::zeros(), log_posterior: 0.0 };
-    assert_eq!(draw(&mode, 1.0, [1.0; 4]), world_from_robot);
+    let start = Pose::new(1.0, 2.0, 3.0);
+    let Proposal { drawn, mode } = propose(start, start, 0.0, 1.0, 1, &[])[0];
+    assert_eq!((drawn, mode.pose, mode.information), (LocalPose::new(start, Point2::origin()), drawn, [0.0; 6]));
 }

@@ -1,0 +1,20 @@
+// A pose for each particle, drawn from the motion (eq. 17).
+
+@compute @workgroup_size(64)
+fn propagate(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let group = groups[workgroup.x];
+    if lane >= group.count {
+        return;
+    }
+    var noise = vec3f(0.0);
+    if lane > 0u || group.exact_first == 0u {
+        let normals = random_normals(group.number + lane, job.draw);
+        let l = job.noise;
+        noise = vec3f(
+            l[0].x * normals.x,
+            l[0].y * normals.x + l[0].z * normals.y,
+            l[0].w * normals.x + l[1].x * normals.y + l[1].y * normals.z,
+        );
+    }
+    poses[group.first + lane] = vec4f(moved(group.mean, noise), 0.0);
+}

@@ -1,0 +1,86 @@
+// What the host and the kernels share. Every struct has a twin of the same name and fields in src/evaluator/.
+
+struct ClusterParams {
+    along: vec3f,
+    half_length: f32,
+    across: vec3f,
+    log_peak: f32,
+}
+
+struct Tile {
+    x: array<vec4f, 4>,
+    y: array<vec4f, 4>,
+    centre: vec2f,
+    radius: f32,
+    count: u32,
+}
+
+// Particles of one map that lie close together, one workgroup's work.
+struct Group {
+    first: u32,
+    count: u32,
+    first_slot: u32,
+    slot_count: u32,
+    mean: vec3f,
+    // Whether the first of them starts at the mean itself.
+    exact_first: u32,
+    prior: vec3f,
+    // Number of the first of them among all particles of the step.
+    number: u32,
+}
+
+struct ParticleMode {
+    information: array<f32, 6>,
+    log_posterior: f32,
+    state: u32,
+    drawn: vec4f,
+}
+
+struct GroupBounds {
+    middle: vec3f,
+    half: vec3f,
+}
+
+struct Job {
+    seed: vec2u,
+    step: u32,
+    draw: u32,
+    noise: array<vec4f, 2>,
+    prior_information: array<vec4f, 2>,
+    slack: vec3f,
+    spread: f32,
+    tile_count: u32,
+    log_outlier: f32,
+}
+
+struct Phase {
+    // Every particle starts to climb; lists of before are worth nothing.
+    restart: u32,
+    // A step may follow the look.
+    may_step: u32,
+}
+
+@group(0) @binding(0) var<uniform> job: Job;
+@group(0) @binding(1) var<uniform> phase: Phase;
+@group(0) @binding(2) var<storage, read> tiles: array<Tile>;
+@group(0) @binding(3) var<storage, read> clusters: array<ClusterParams>;
+@group(0) @binding(4) var<storage, read> slots: array<u32>;
+@group(0) @binding(5) var<storage, read> groups: array<Group>;
+// x, y, heading; and the log-likelihood of the scan from there.
+@group(0) @binding(6) var<storage, read_write> poses: array<vec4f>;
+@group(0) @binding(7) var<storage, read_write> modes: array<ParticleMode>;
+// A list for each tile of each group: how many, then their slots.
+@group(0) @binding(8) var<storage, read_write> candidates: array<u32>;
+@group(0) @binding(9) var<storage, read_write> bounds: array<GroupBounds>;
+
+// States of a climb.
+const CLIMBING = 0u;
+const CONVERGED = 1u;
+const SETTLED = 2u;
+
+// Room of a candidate list. Where more clusters reach a tile, all clusters of the map are looked through.
+const LIST_ROOM = 63u;
+
+fn is_climbing(particle: u32) -> bool {
+    return phase.restart == 1u || modes[particle].state != SETTLED;
+}

@@ -1,0 +1,140 @@
+// One look of a particle at a tile: the points against the tile's candidates (eq. 18).
+
+const NONE = 0xffffffffu;
+
+// Which part of a group's work a lane does: one of the particles, every so-manieth tile.
+struct Share {
+    particle: u32,
+    is_active: bool,
+    width: u32,
+    first_tile: u32,
+    tile_stride: u32,
+}
+
+fn share(group: Group, lane: u32) -> Share {
+    var width = 64u;
+    while width / 2u >= group.count && width > 1u {
+        width /= 2u;
+    }
+    let particle = lane % width;
+    let is_active = particle < group.count;
+    return Share(group.first + min(particle, group.count - 1u), is_active, width, lane / width, 64u / width);
+}
+
+// Candidates of a tile: slots[first + k], or where they did not fit in a list, all slots of the map.
+struct List {
+    first: u32,
+    count: u32,
+    is_whole_map: bool,
+}
+
+fn list_of(group_number: u32, group: Group, tile: u32) -> List {
+    let start = (group_number * job.tile_count + tile) * (LIST_ROOM + 1u);
+    let count = candidates[start];
+    if count > LIST_ROOM {
+        return List(group.first_slot, group.slot_count, true);
+    }
+    return List(start + 1u, count, false);
+}
+
+fn slot_of(list: List, number: u32) -> u32 {
+    if list.is_whole_map {
+        return slots[list.first + number];
+    }
+    return candidates[list.first + number];
+}
+
+// The points of a tile in the evaluator's frame.
+struct Points {
+    x0: vec4f,
+    x1: vec4f,
+    x2: vec4f,
+    x3: vec4f,
+    y0: vec4f,
+    y1: vec4f,
+    y2: vec4f,
+    y3: vec4f,
+}
+
+// Points of the robot's frame, from a pose and the sine and cosine of its heading.
+fn points_at(x: array<vec4f, 4>, y: array<vec4f, 4>, pose: vec3f, turn: vec2f) -> Points {
+    return Points(
+        pose.x + turn.y * x[0] - turn.x * y[0],
+        pose.x + turn.y * x[1] - turn.x * y[1],
+        pose.x + turn.y * x[2] - turn.x * y[2],
+        pose.x + turn.y * x[3] - turn.x * y[3],
+        pose.y + turn.x * x[0] + turn.y * y[0],
+        pose.y + turn.x * x[1] + turn.y * y[1],
+        pose.y + turn.x * x[2] + turn.y * y[2],
+        pose.y + turn.x * x[3] + turn.y * y[3],
+    );
+}
+
+fn points_alone(tile: u32, pose: vec3f, turn: vec2f) -> Points {
+    return points_at(tiles[tile].x, tiles[tile].y, pose, turn);
+}
+
+// The highest ln p of each point so far, and the slot of the cluster that gives it: the first of the likeliest.
+struct Best {
+    density0: vec4f,
+    density1: vec4f,
+    density2: vec4f,
+    density3: vec4f,
+    slot0: vec4u,
+    slot1: vec4u,
+    slot2: vec4u,
+    slot3: vec4u,
+}
+
+fn all_outliers() -> Best {
+    let density = vec4f(job.log_outlier);
+    let none = vec4u(NONE);
+    return Best(density, density, density, density, none, none, none, none);
+}
+
+// ln p of four points in one cluster.
+fn log_density(cluster: ClusterParams, x: vec4f, y: vec4f) -> vec4f {
+    let along = fma(vec4f(cluster.along.x), x, fma(vec4f(cluster.along.y), y, vec4f(cluster.along.z)));
+    let across = fma(vec4f(cluster.across.x), x, fma(vec4f(cluster.across.y), y, vec4f(cluster.across.z)));
+    let beyond = max(abs(along) - cluster.half_length, vec4f(0.0));
+    return fma(-across, across, fma(-beyond, beyond, vec4f(cluster.log_peak)));
+}
+
+fn compare(best: ptr<function, Best>, points: Points, cluster: ClusterParams, slot: u32) {
+    let density0 = log_density(cluster, points.x0, points.y0);
+    let density1 = log_density(cluster, points.x1, points.y1);
+    let density2 = log_density(cluster, points.x2, points.y2);
+    let density3 = log_density(cluster, points.x3, points.y3);
+    (*best).slot0 = select((*best).slot0, vec4u(slot), density0 > (*best).density0);
+    (*best).slot1 = select((*best).slot1, vec4u(slot), density1 > (*best).density1);
+    (*best).slot2 = select((*best).slot2, vec4u(slot), density2 > (*best).density2);
+    (*best).slot3 = select((*best).slot3, vec4u(slot), density3 > (*best).density3);
+    (*best).density0 = max((*best).density0, density0);
+    (*best).density1 = max((*best).density1, density1);
+    (*best).density2 = max((*best).density2, density2);
+    (*best).density3 = max((*best).density3, density3);
+}
+
+// A lane by itself looks through a list.
+fn look_alone(list: List, points: Points) -> Best {
+    var best = all_outliers();
+    for (var number = 0u; number < list.count; number++) {
+        let slot = slot_of(list, number);
+        compare(&best, points, clusters[slot], slot);
+    }
+    return best;
+}
+
+// Which four of the points of a tile count.
+fn counts(tile_count: u32, first: u32) -> vec4<bool> {
+    return vec4u(first, first + 1u, first + 2u, first + 3u) < vec4u(tile_count);
+}
+
+// Σ max ln p over the points of a tile.
+fn sum_of(tile: u32, best: Best) -> f32 {
+    let count = tiles[tile].count;
+    let none = vec4f(0.0);
+    let sum = select(none, best.density0, counts(count, 0u)) + select(none, best.density1, counts(count, 4u))
+        + select(none, best.density2, counts(count, 8u)) + select(none, best.density3, counts(count, 12u));
+    return sum.x + sum.y + sum.z + sum.w;
+}

@@ -1,0 +1,106 @@
+//! The evaluator on the CPU, on all cores.
+
+use super::cull::{Candidates, LocalMap};
+use super::grouping::{ParticleGroup, by_place, in_order};
+use super::layout::{ClusterParams, LocalPose};
+use super::symmetric::Cholesky;
+use super::{Evaluator, EvaluatorError, Mode, Prior, Propagation, Proposal, Scene};
+use crate::map::Slot;
+use crate::random::{Draw, normals};
+use rayon::prelude::*;
+
+mod climb;
+mod look;
+
+pub use climb::refine;
+pub use look::{Evaluation, View};
+
+/// The evaluator on the CPU. It never fails.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CpuEvaluator;
+
+/// Particles that climb together: few, so that the few of a look between steps keep all cores busy.
+const CLIMBERS: usize = 16;
+/// Particles that are weighed together: many, so that their lists cost little next to what they serve.
+const WEIGHED: usize = 64;
+
+impl Evaluator for CpuEvaluator {
+    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError> {
+        Ok(propagate_all(scene, how))
+    }
+
+    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
+        Ok(weigh_all(scene, poses))
+    }
+}
+
+/// As [`Evaluator::propagate`].
+pub fn propagate_all(scene: &Scene<'_>, how: &Propagation<'_>) -> Vec<Proposal> {
+    let propose = |ParticleGroup { map, particles }: ParticleGroup| {
+        let sampled: Vec<LocalPose> = particles.iter().map(|&particle| propagate(particle, map, how)).collect();
+        if how.iterations == 0 {
+            let stay = |&drawn: &LocalPose| Proposal { drawn, mode: Mode { pose: drawn, ..Mode::default() } };
+            return sampled.iter().map(stay).collect::<Vec<_>>();
+        }
+        let prior = Prior { pose: how.starts[map].prior, information: how.prior_information };
+        let slots = &scene.maps[map];
+        let coarse = local_map(scene, slots, scene.table.coarse());
+        let captured: Vec<LocalPose> =
+            refine(&coarse, &sampled, &prior, scene.tiles, how.iterations / 2).iter().map(|mode| mode.pose).collect();
+        let fine = local_map(scene, slots, scene.table.fine());
+        let modes = refine(&fine, &captured, &prior, scene.tiles, how.iterations);
+        particles.iter().zip(modes).map(|(&particle, mode)| draw(particle, mode, how)).collect()
+    };
+    in_order(how.starts.len(), how.particles_a_map, CLIMBERS).into_par_iter().flat_map_iter(propose).collect()
+}
+
+/// As [`Evaluator::weigh`].
+pub fn weigh_all(scene: &Scene<'_>, poses: &[LocalPose]) -> Vec<f32> {
+    let weigh = |group: &ParticleGroup| {
+        let map = local_map(scene, &scene.maps[group.map], scene.table.fine());
+        let poses: Vec<LocalPose> = group.particles.iter().map(|&particle| poses[particle as usize]).collect();
+        weigh(&map, scene, &poses)
+    };
+    let groups = by_place(scene.maps.len(), poses, WEIGHED);
+    let weighed: Vec<Vec<f32>> = groups.par_iter().map(weigh).collect();
+    let mut log_likelihoods = vec![0.0; poses.len()];
+    for (group, weighed) in groups.iter().zip(weighed) {
+        for (&particle, log_likelihood) in group.particles.iter().zip(weighed) {
+            log_likelihoods[particle as usize] = log_likelihood;
+        }
+    }
+    log_likelihoods
+}
+
+fn local_map(scene: &Scene<'_>, slots: &[Slot], rows: &[ClusterParams]) -> LocalMap {
+    LocalMap::new(slots.iter().map(|&slot| rows[slot as usize]), scene.table.log_outlier())
+}
+
+/// A pose from the motion (eq. 17).
+fn propagate(particle: u32, map: usize, how: &Propagation<'_>) -> LocalPose {
+    let mean = how.starts[map].mean;
+    if how.exact_first && particle as usize == map * how.particles_a_map {
+        return mean;
+    }
+    let [x, y, heading, _] = normals(how.seed, how.step, particle, how.draw);
+    mean.moved(how.noise.times([x, y, heading]))
+}
+
+/// A pose around the top of the posterior.
+fn draw(particle: u32, mode: Mode, how: &Propagation<'_>) -> Proposal {
+    let [x, y, heading, _] = normals(how.seed, how.step, particle, Draw::Proposal);
+    let drawn = Cholesky::new(mode.information).map_or(mode.pose, |cholesky| {
+        mode.pose.moved(cholesky.solve_transposed([x, y, heading].map(|z| z * how.spread)))
+    });
+    Proposal { drawn, mode }
+}
+
+/// Log-likelihoods of a group of poses that lie close together.
+fn weigh(map: &LocalMap, scene: &Scene<'_>, poses: &[LocalPose]) -> Vec<f32> {
+    let mut candidates = Candidates::default();
+    candidates.cover(map, scene.tiles, poses, [0.0; 2]);
+    let mut out = vec![0.0; poses.len()];
+    let view = View { tiles: scene.tiles, candidates: &candidates, log_outlier: map.log_outlier() };
+    view.log_likelihoods(poses, &mut out);
+    out
+}

@@ -1,0 +1,45 @@
+//! The CPU takes over where a device fails.
+
+use super::layout::LocalPose;
+use super::{Evaluator, EvaluatorError, Propagation, Proposal, Scene, cpu};
+
+/// An evaluator that may fail, and the CPU from then on.
+#[derive(Debug)]
+pub struct Failover {
+    preferred: Option<Box<dyn Evaluator>>,
+    failure: Option<EvaluatorError>,
+}
+
+impl Failover {
+    /// This evaluator as long as it answers; without one, the CPU from the start.
+    pub fn new(preferred: Option<Box<dyn Evaluator>>) -> Self {
+        Self { preferred, failure: None }
+    }
+
+    /// Why the CPU took over.
+    pub fn failure(&self) -> Option<&EvaluatorError> {
+        self.failure.as_ref()
+    }
+
+    /// As [`Evaluator::propagate`].
+    pub fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Vec<Proposal> {
+        self.preferred(|evaluator| evaluator.propagate(scene, how)).unwrap_or_else(|| cpu::propagate_all(scene, how))
+    }
+
+    /// As [`Evaluator::weigh`].
+    pub fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Vec<f32> {
+        self.preferred(|evaluator| evaluator.weigh(scene, poses)).unwrap_or_else(|| cpu::weigh_all(scene, poses))
+    }
+
+    /// What the preferred evaluator answers, while there is one.
+    fn preferred<T>(&mut self, ask: impl FnOnce(&mut dyn Evaluator) -> Result<T, EvaluatorError>) -> Option<T> {
+        match ask(self.preferred.as_deref_mut()?) {
+            Ok(answer) => Some(answer),
+            Err(failure) => {
+                self.preferred = None;
+                self.failure = Some(failure);
+                None
+            }
+        }
+    }
+}

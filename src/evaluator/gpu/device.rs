@@ -1,0 +1,151 @@
+//! Which devices there are, and one of them opened.
+
+use super::shaders::Together;
+use crate::evaluator::EvaluatorError;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// A device that kernels may run on.
+#[derive(Clone, Debug)]
+pub struct Adapter {
+    adapter: wgpu::Adapter,
+    /// What its driver calls it.
+    pub name: String,
+    /// What it is: a GPU of its own, one in the processor, or the processor playing one.
+    pub kind: AdapterKind,
+    /// Driver and its version.
+    pub driver: String,
+    /// Interface that it is reached through.
+    pub interface: String,
+}
+
+/// What a device is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum AdapterKind {
+    /// A GPU of its own.
+    Discrete,
+    /// A GPU in the processor.
+    Integrated,
+    /// A GPU lent to a virtual machine.
+    Virtual,
+    /// Not told.
+    Other,
+    /// No GPU: the processor plays one.
+    Software,
+}
+
+/// Every device, the likely fastest first.
+pub fn adapters() -> Vec<Adapter> {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
+    let mut adapters: Vec<Adapter> = found.into_iter().map(Adapter::new).collect();
+    adapters.sort_by_key(|adapter| adapter.kind);
+    adapters
+}
+
+/// The device whose name has this text in it, whatever its case; without a text the likely fastest.
+///
+/// # Errors
+/// There is none, or none of that name; the message tells what there is, or what to install.
+pub fn find(name: Option<&str>) -> Result<Adapter, EvaluatorError> {
+    let adapters = adapters();
+    if adapters.is_empty() {
+        let reason = "no driver was found; install the Vulkan driver of the graphics card, or for one in software \
+                      mesa-vulkan-drivers (Debian, Ubuntu)";
+        return Err(EvaluatorError::NoDevice { reason: reason.to_owned() });
+    }
+    let names: Vec<String> = adapters.iter().map(|adapter| adapter.name.clone()).collect();
+    let is_meant =
+        |adapter: &Adapter| name.is_none_or(|name| adapter.name.to_lowercase().contains(&name.to_lowercase()));
+    adapters.into_iter().find(is_meant).ok_or_else(|| EvaluatorError::NoDevice {
+        reason: format!("none is called {}; there are: {}", name.unwrap_or_default(), names.join(", ")),
+    })
+}
+
+impl Adapter {
+    fn new(adapter: wgpu::Adapter) -> Self {
+        let info = adapter.get_info();
+        let kind = match info.device_type {
+            wgpu::DeviceType::DiscreteGpu => AdapterKind::Discrete,
+            wgpu::DeviceType::IntegratedGpu => AdapterKind::Integrated,
+            wgpu::DeviceType::VirtualGpu => AdapterKind::Virtual,
+            wgpu::DeviceType::Other => AdapterKind::Other,
+            wgpu::DeviceType::Cpu => AdapterKind::Software,
+        };
+        let driver = format!("{} {}", info.driver, info.driver_info).trim().to_owned();
+        Self { adapter, name: info.name, kind, driver, interface: info.backend.to_string() }
+    }
+
+    /// What bounds a dispatch.
+    pub fn limits(&self) -> wgpu::Limits {
+        self.adapter.limits()
+    }
+
+    /// How its lanes come by the clusters that they all look through.
+    fn together(&self) -> Together {
+        let has_subgroups = self.adapter.features().contains(wgpu::Features::SUBGROUP)
+            && self.adapter.get_info().subgroup_min_size >= 8;
+        if self.kind == AdapterKind::Software && has_subgroups { Together::Broadcasts } else { Together::Loads }
+    }
+
+    /// Opens it.
+    pub(super) fn open(&self) -> Result<Opened, EvaluatorError> {
+        let failure = Failure::default();
+        let together = self.together();
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("ipslam"),
+            required_features: match together {
+                Together::Loads => wgpu::Features::empty(),
+                Together::Broadcasts => wgpu::Features::SUBGROUP,
+            },
+            // As much as it has; the work is cut to fit.
+            required_limits: self.adapter.limits(),
+            ..wgpu::DeviceDescriptor::default()
+        };
+        let (device, queue) = pollster::block_on(self.adapter.request_device(&descriptor))
+            .map_err(|error| EvaluatorError::DeviceFailed { device: self.name.clone(), reason: error.to_string() })?;
+        let noted = failure.clone();
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| noted.note(error.to_string())));
+        let noted = failure.clone();
+        device.set_device_lost_callback(move |_, message| noted.note(format!("it was lost: {message}")));
+        Ok(Opened { name: self.name.clone(), limits: device.limits(), together, device, queue, failure })
+    }
+}
+
+/// A device at work.
+#[derive(Debug)]
+pub(super) struct Opened {
+    pub name: String,
+    pub limits: wgpu::Limits,
+    pub together: Together,
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    failure: Failure,
+}
+
+impl Opened {
+    /// The first thing that went wrong, if anything did.
+    pub fn check(&self) -> Result<(), EvaluatorError> {
+        match self.failure.first() {
+            None => Ok(()),
+            Some(reason) => Err(self.failed(reason)),
+        }
+    }
+
+    pub fn failed(&self, reason: impl ToString) -> EvaluatorError {
+        EvaluatorError::DeviceFailed { device: self.name.clone(), reason: reason.to_string() }
+    }
+}
+
+/// Errors come from the driver at any time; the first is kept.
+#[derive(Clone, Debug, Default)]
+struct Failure(Arc<Mutex<Option<String>>>);
+
+impl Failure {
+    fn note(&self, reason: String) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(reason);
+    }
+
+    fn first(&self) -> Option<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}

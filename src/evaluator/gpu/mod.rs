@@ -1,0 +1,366 @@
+//! The evaluator on a GPU, through Vulkan, Metal or DirectX 12.
+//!
+//! A workgroup of 64 lanes has a group of up to 64 particles of one map. Where a group is full, a lane is a particle;
+//! where it is not, the tiles of the scan are shared out as well. One submission does a whole step: what a kernel
+//! leaves on the device is what the next one takes up, and poses, weights and modes alone are read back.
+//!
+//! Every cluster lives on the device, by slot of the pool; a step uploads those that are new, and for each map the list
+//! of its slots.
+
+use super::grouping::{ParticleGroup, by_place, in_order};
+use super::layout::{ClusterParams, LocalPose};
+use super::table::{Changed, ClusterTable, Revision};
+use super::{Evaluator, EvaluatorError, Mode, Propagation, Proposal, SLACK, Scene};
+use crate::map::Slot;
+use buffers::Buffers;
+use device::{Adapter, Opened};
+use layout::{GROUP, Group, GroupBounds, Job, LIST_ROOM, ParticleMode, Phase};
+use shaders::{Kernel, Together};
+
+mod buffers;
+pub mod device;
+pub mod layout;
+pub mod shaders;
+
+/// The evaluator on one device.
+#[derive(Debug)]
+pub struct GpuEvaluator {
+    opened: Opened,
+    /// In the order of [`Kernel::ALL`].
+    pipelines: [wgpu::ComputePipeline; 5],
+    buffers: Buffers,
+    /// Revision of the table that the device has.
+    revision: Option<Revision>,
+}
+
+/// One kernel of a submission.
+#[derive(Clone, Copy)]
+struct Dispatch {
+    kernel: Kernel,
+    clusters: Clusters,
+    phase: PhaseOfClimb,
+}
+
+/// Which clusters a kernel sees.
+#[derive(Clone, Copy)]
+enum Clusters {
+    Fine,
+    Coarse,
+}
+
+/// Which look of a climb a kernel takes.
+#[derive(Clone, Copy)]
+enum PhaseOfClimb {
+    First,
+    Middle,
+    Last,
+    /// The first and last: nothing climbs.
+    Only,
+}
+
+impl PhaseOfClimb {
+    /// As the kernels see them, in the order of declaration.
+    const ALL: [Phase; 4] = [
+        Phase { restart: 1, may_step: 1 },
+        Phase { restart: 0, may_step: 1 },
+        Phase { restart: 0, may_step: 0 },
+        Phase { restart: 1, may_step: 0 },
+    ];
+}
+
+/// Where the particles of a submission come from.
+#[derive(Clone, Copy)]
+enum Particles<'a> {
+    /// They are drawn.
+    Drawn(&'a Propagation<'a>),
+    /// They are here.
+    At(&'a [LocalPose]),
+}
+
+impl GpuEvaluator {
+    /// Opens a device and makes the kernels ready.
+    ///
+    /// # Errors
+    /// The device cannot be opened, or its driver refuses a kernel.
+    pub fn new(adapter: &Adapter) -> Result<Self, EvaluatorError> {
+        Self::with_sources(adapter, Kernel::source)
+    }
+
+    /// The same with other texts for the kernels: for tests that have to see wrong ones fail.
+    ///
+    /// # Errors
+    /// As for `new`.
+    pub fn with_sources(
+        adapter: &Adapter,
+        source: impl Fn(Kernel, Together) -> String,
+    ) -> Result<Self, EvaluatorError> {
+        let opened = adapter.open()?;
+        let device = &opened.device;
+        let buffers = Buffers::new(&opened, &PhaseOfClimb::ALL);
+        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: None,
+            bind_group_layouts: &[Some(buffers.layout())],
+            immediate_size: 0,
+        });
+        let pipelines = Kernel::ALL.map(|kernel| {
+            let label = Some(kernel.name());
+            let source = wgpu::ShaderSource::Wgsl(source(kernel, opened.together).into());
+            let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label, source });
+            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label,
+                layout: Some(&layout),
+                module: &module,
+                entry_point: label,
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    // Every lane writes its own place before others read it.
+                    zero_initialize_workgroup_memory: false,
+                    ..Default::default()
+                },
+                cache: None,
+            })
+        });
+        opened.check()?;
+        Ok(Self { opened, pipelines, buffers, revision: None })
+    }
+
+    /// What the driver calls the device.
+    pub fn name(&self) -> &str {
+        &self.opened.name
+    }
+
+    /// Ends the device, as a driver may at any time: every later call fails.
+    pub fn destroy(&self) {
+        self.opened.device.destroy();
+    }
+
+    /// The candidate lists of poses that all are of the first map, in one group: for each tile the slots, or `None` where
+    /// they did not fit and all are looked through.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn candidate_lists(
+        &mut self,
+        scene: &Scene<'_>,
+        poses: &[LocalPose],
+    ) -> Result<Vec<Option<Vec<Slot>>>, EvaluatorError> {
+        self.upload_table(scene.table)?;
+        let job = Job::look(scene.tiles.len(), scene.table.log_outlier());
+        let groups = [ParticleGroup { map: 0, particles: (0..poses.len() as u32).collect() }];
+        let dispatch = Dispatch { kernel: Kernel::Cull, clusters: Clusters::Fine, phase: PhaseOfClimb::Only };
+        self.submit(scene, &job, Particles::At(poses), &groups, &[dispatch])?;
+        let mut encoder = self.opened.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let Buffers { read_more, candidates, .. } = &mut self.buffers;
+        let count = scene.tiles.len() * (LIST_ROOM + 1);
+        let copied = read_more.copy::<u32>(&self.opened, &mut encoder, candidates, count)?;
+        self.opened.queue.submit([encoder.finish()]);
+        let lists = copied.read(&self.opened)?;
+        let list = |list: &[u32]| list[1..].get(..list[0] as usize).map(<[u32]>::to_vec);
+        Ok(lists.chunks(LIST_ROOM + 1).map(list).collect())
+    }
+
+    /// Uploads what has changed in the table since the device saw it.
+    fn upload_table(&mut self, table: &ClusterTable) -> Result<(), EvaluatorError> {
+        let Self { opened, buffers, revision, .. } = self;
+        let rows = size_of_val(table.fine()) as u64;
+        let has_grown = buffers.fine.hold(opened, rows)? | buffers.coarse.hold(opened, rows)?;
+        let is_next = revision.is_some_and(|revision| table.revision().follows(revision));
+        match table.changed() {
+            _ if *revision == Some(table.revision()) && !has_grown => {}
+            Changed::Slots(slots) if is_next && !has_grown => {
+                for (first, end) in runs(slots) {
+                    buffers.fine.write(opened, first, &table.fine()[first..end]);
+                    buffers.coarse.write(opened, first, &table.coarse()[first..end]);
+                }
+            }
+            _ => {
+                buffers.fine.write(opened, 0, table.fine());
+                buffers.coarse.write(opened, 0, table.coarse());
+            }
+        }
+        *revision = Some(table.revision());
+        Ok(())
+    }
+
+    /// So many groups fit in one submission.
+    fn groups_at_once(&self, tiles: usize) -> usize {
+        let limits = &self.opened.limits;
+        let room = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) as usize;
+        let a_group = list_bytes(tiles).max(GROUP * size_of::<ParticleMode>());
+        (room / a_group).clamp(1, limits.max_compute_workgroups_per_dimension as usize)
+    }
+
+    /// Runs kernels over some groups in one submission. Leaves the pose of each particle with the log-likelihood there,
+    /// and its mode where one was drawn from.
+    fn submit(
+        &mut self,
+        scene: &Scene<'_>,
+        job: &Job,
+        particles: Particles<'_>,
+        groups: &[ParticleGroup],
+        dispatches: &[Dispatch],
+    ) -> Result<(Vec<[f32; 4]>, Vec<ParticleMode>), EvaluatorError> {
+        let Self { opened, pipelines, buffers, .. } = self;
+        let count: usize = groups.iter().map(|group| group.particles.len()).sum();
+        let (rows, slots) = group_rows(scene, particles, groups);
+        buffers.job.write(opened, 0, &[*job]);
+        buffers.tiles.fill(opened, scene.tiles)?;
+        buffers.slots.fill(opened, &slots)?;
+        buffers.groups.fill(opened, &rows)?;
+        buffers.modes.hold(opened, (count * size_of::<ParticleMode>()) as u64)?;
+        buffers.candidates.hold(opened, (groups.len() * list_bytes(scene.tiles.len())) as u64)?;
+        buffers.bounds.hold(opened, (groups.len() * size_of::<GroupBounds>()) as u64)?;
+        buffers.poses.hold(opened, (count * size_of::<[f32; 4]>()) as u64)?;
+        if let Particles::At(poses) = particles {
+            let of_groups = groups.iter().flat_map(|group| &group.particles).map(|&particle| poses[particle as usize]);
+            let poses: Vec<[f32; 4]> = of_groups.map(|pose| [pose.x, pose.y, pose.heading, f32::NAN]).collect();
+            buffers.poses.write(opened, 0, &poses);
+        }
+
+        let mut encoder = opened.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let [fine, coarse] = buffers.bindings(opened);
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        for dispatch in dispatches {
+            pass.set_pipeline(&pipelines[dispatch.kernel as usize]);
+            let clusters = match dispatch.clusters {
+                Clusters::Fine => fine,
+                Clusters::Coarse => coarse,
+            };
+            pass.set_bind_group(0, clusters, &[buffers::phase_offset(opened, dispatch.phase as usize)]);
+            pass.dispatch_workgroups(groups.len() as u32, 1, 1);
+        }
+        drop(pass);
+        let draws = dispatches.iter().any(|dispatch| dispatch.kernel == Kernel::Draw);
+        let poses = buffers.read_poses.copy(opened, &mut encoder, &buffers.poses, count)?;
+        let modes = buffers.read_more.copy(opened, &mut encoder, &buffers.modes, if draws { count } else { 0 })?;
+        opened.queue.submit([encoder.finish()]);
+        let left = (poses.read(opened)?, modes.read(opened)?);
+        opened.check()?;
+        Ok(left)
+    }
+}
+
+impl Evaluator for GpuEvaluator {
+    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError> {
+        self.upload_table(scene.table)?;
+        let job = Job::propagation(how, SLACK, scene.tiles.len(), scene.table.log_outlier());
+        let once = |kernel| Dispatch { kernel, clusters: Clusters::Fine, phase: PhaseOfClimb::Only };
+        let mut dispatches = vec![once(Kernel::Propagate)];
+        if how.iterations > 0 {
+            dispatches.extend(climb(Clusters::Coarse, how.iterations / 2));
+            dispatches.extend(climb(Clusters::Fine, how.iterations));
+            dispatches.push(once(Kernel::Draw));
+        }
+        let groups = in_order(how.starts.len(), how.particles_a_map, GROUP);
+        let mut proposals = Vec::with_capacity(how.starts.len() * how.particles_a_map);
+        for groups in groups.chunks(self.groups_at_once(scene.tiles.len())) {
+            let (poses, modes) = self.submit(scene, &job, Particles::Drawn(how), groups, &dispatches)?;
+            if how.iterations == 0 {
+                proposals.extend(poses.into_iter().map(undrawn));
+            } else {
+                proposals.extend(poses.into_iter().zip(modes).map(drawn));
+            }
+        }
+        Ok(proposals)
+    }
+
+    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
+        self.upload_table(scene.table)?;
+        let job = Job::look(scene.tiles.len(), scene.table.log_outlier());
+        let dispatches = [Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch {
+            kernel,
+            clusters: Clusters::Fine,
+            phase: PhaseOfClimb::Only,
+        });
+        let groups = by_place(scene.maps.len(), poses, GROUP);
+        let mut log_likelihoods = vec![0.0; poses.len()];
+        for groups in groups.chunks(self.groups_at_once(scene.tiles.len())) {
+            let (weighed, _) = self.submit(scene, &job, Particles::At(poses), groups, &dispatches)?;
+            for (&particle, [.., log_likelihood]) in groups.iter().flat_map(|group| &group.particles).zip(weighed) {
+                log_likelihoods[particle as usize] = log_likelihood;
+            }
+        }
+        Ok(log_likelihoods)
+    }
+}
+
+/// The kernels of a climb of at most so many steps: a look before each and one after the last.
+fn climb(clusters: Clusters, iterations: u32) -> impl Iterator<Item = Dispatch> {
+    (0..=iterations).flat_map(move |look| {
+        let phase = match (look == 0, look == iterations) {
+            (true, true) => PhaseOfClimb::Only,
+            (true, false) => PhaseOfClimb::First,
+            (false, false) => PhaseOfClimb::Middle,
+            (false, true) => PhaseOfClimb::Last,
+        };
+        [Kernel::Cull, Kernel::Refine].map(|kernel| Dispatch { kernel, clusters, phase })
+    })
+}
+
+/// The groups as the kernels see them, and the slots of their maps, one map after the other.
+fn group_rows(scene: &Scene<'_>, particles: Particles<'_>, groups: &[ParticleGroup]) -> (Vec<Group>, Vec<Slot>) {
+    let (mut slots, mut rows): (Vec<Slot>, Vec<Group>) = (Vec::new(), Vec::with_capacity(groups.len()));
+    let (mut first, mut map) = (0, None);
+    for group in groups {
+        if map != Some(group.map) {
+            map = Some(group.map);
+            slots.extend(&scene.maps[group.map]);
+        }
+        let (count, slot_count) = (group.particles.len() as u32, scene.maps[group.map].len() as u32);
+        let number = group.particles.first().copied().unwrap_or(0);
+        let first_slot = slots.len() as u32 - slot_count;
+        let mut row = Group { first, count, first_slot, slot_count, number, ..bytemuck::Zeroable::zeroed() };
+        if let Particles::Drawn(how) = particles {
+            let start = how.starts[group.map];
+            row.mean = [start.mean.x, start.mean.y, start.mean.heading];
+            row.prior = [start.prior.x, start.prior.y, start.prior.heading];
+            row.exact_first = u32::from(how.exact_first && number as usize == group.map * how.particles_a_map);
+        }
+        rows.push(row);
+        first += count;
+    }
+    (rows, slots)
+}
+
+/// A particle that was drawn from the motion and looked at no map.
+fn undrawn([x, y, heading, _]: [f32; 4]) -> Proposal {
+    let pose = LocalPose { x, y, heading };
+    Proposal { drawn: pose, mode: Mode { pose, ..Mode::default() } }
+}
+
+fn drawn(([x, y, heading, log_likelihood], mode): ([f32; 4], ParticleMode)) -> Proposal {
+    let ParticleMode { information, log_posterior, drawn, .. } = mode;
+    let mode = Mode { pose: LocalPose { x, y, heading }, log_likelihood, log_posterior, information };
+    Proposal { drawn: LocalPose { x: drawn[0], y: drawn[1], heading: drawn[2] }, mode }
+}
+
+/// Bytes of the candidate lists of one group.
+fn list_bytes(tiles: usize) -> usize {
+    tiles.max(1) * (LIST_ROOM + 1) * size_of::<u32>()
+}
+
+/// Slots as ranges, from the first to one after the last: neighbours in one go, with a few between that have not
+/// changed, which costs less than another write.
+fn runs(slots: &[Slot]) -> Vec<(usize, usize)> {
+    const GAP: usize = 512 / size_of::<ClusterParams>();
+    let mut sorted: Vec<usize> = slots.iter().map(|&slot| slot as usize).collect();
+    sorted.sort_unstable();
+    let mut runs: Vec<(usize, usize)> = Vec::new();
+    for slot in sorted {
+        match runs.last_mut() {
+            Some((_, end)) if slot <= *end + GAP => *end = (slot + 1).max(*end),
+            _ => runs.push((slot, slot + 1)),
+        }
+    }
+    runs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_cover_every_slot_and_little_more() {
+        assert_eq!(runs(&[]), []);
+        assert_eq!(runs(&[5, 4, 900, 4, 10, 901]), [(4, 11), (900, 902)]);
+    }
+}

@@ -1,0 +1,63 @@
+//! What needs no device: the kernels are valid WGSL, and what they share with the host lies alike on both sides.
+
+use ipslam::evaluator::gpu::layout::{Group, GroupBounds, Job, ParticleMode, Phase};
+use ipslam::evaluator::gpu::shaders::{Kernel, Together};
+use ipslam::evaluator::layout::{ClusterParams, Tile};
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::{Module, TypeInner};
+use std::mem::offset_of;
+
+fn validated(source: &str) -> Result<Module, String> {
+    let module = naga::front::wgsl::parse_str(source).map_err(|error| error.emit_to_string(source))?;
+    let mut validator = Validator::new(ValidationFlags::all(), Capabilities::SUBGROUP);
+    validator.validate(&module).map_err(|error| format!("{error:?}"))?;
+    Ok(module)
+}
+
+fn sources() -> impl Iterator<Item = (Kernel, Together)> {
+    Kernel::ALL.into_iter().flat_map(|kernel| Together::ALL.map(|together| (kernel, together)))
+}
+
+pub fn kernels_are_valid() {
+    for (kernel, together) in sources() {
+        let source = kernel.source(together);
+        let module = validated(&source).unwrap_or_else(|error| panic!("{kernel:?}: {error}"));
+        let [entry] = &module.entry_points[..] else { panic!("{kernel:?} has not one entry point") };
+        assert_eq!((entry.name.as_str(), entry.workgroup_size), (kernel.name(), [64, 1, 1]));
+        // A sum of a number and a vector of other length is not valid.
+        let broken = source.replacen("[workgroup.x];", "[workgroup.x] + 1u;", 1);
+        assert!(validated(&broken).is_err(), "{kernel:?}: a broken kernel passes");
+    }
+}
+
+/// Name, offset and struct size on the host.
+type Fields = (&'static str, usize, Vec<(&'static str, usize)>);
+
+macro_rules! fields {
+    ($kind:ident, $($field:ident),+) => {
+        (stringify!($kind), size_of::<$kind>(), vec![$((stringify!($field), offset_of!($kind, $field))),+])
+    };
+}
+
+pub fn structs_lie_alike_on_both_sides() {
+    let structs: [Fields; 7] = [
+        fields!(ClusterParams, along, half_length, across, log_peak),
+        fields!(Tile, x, y, centre, radius, count),
+        fields!(Group, first, count, first_slot, slot_count, mean, exact_first, prior, number),
+        fields!(ParticleMode, information, log_posterior, state, drawn),
+        fields!(GroupBounds, middle, half),
+        fields!(Job, seed, step, draw, noise, prior_information, slack, spread, tile_count, log_outlier),
+        fields!(Phase, restart, may_step),
+    ];
+    for (kernel, together) in sources() {
+        let module = validated(&kernel.source(together)).unwrap();
+        for (name, size, fields) in &structs {
+            let found = module.types.iter().find(|(_, kind)| kind.name.as_deref() == Some(*name));
+            let (_, kind) = found.unwrap_or_else(|| panic!("{kernel:?} has no {name}"));
+            let TypeInner::Struct { members, span } = &kind.inner else { panic!("{name} is no struct") };
+            let members: Vec<(&str, usize)> =
+                members.iter().map(|m| (m.name.as_deref().unwrap_or_default(), m.offset as usize)).collect();
+            assert_eq!((members, *span as usize), (fields.clone(), *size), "{name}: WGSL and Rust");
+        }
+    }
+}
