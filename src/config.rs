@@ -79,8 +79,8 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             seed: 1,
-            particles: 128,
-            maps: 128,
+            particles: 256,
+            maps: 256,
             scan: ScanConfig::default(),
             clustering: ClusteringConfig::default(),
             motion: MotionConfig::default(),
@@ -332,7 +332,7 @@ mod tests {
         for (text, expected) in [
             ("particles = 0", "particles (option --particles) is 0, but has to be 1 to 10000000"),
             ("particles = 20000000\nmaps = 1", "is 20000000, but has to be 1 to"),
-            ("maps = 0", "maps (option --maps) is 0, but has to be 1 to the number of particles, which is 128"),
+            ("maps = 0", "maps (option --maps) is 0, but has to be 1 to the number of particles, which is 256"),
             ("maps = 129", "maps (option --maps) is 129"),
             ("particles = 10\nmaps = 4", "multiple of the number of maps, which is 4: 8 or 12"),
             ("[likelihood]\ntemper = nan", "likelihood.temper is nan, but has to be 0.000001 to 1000"),

@@ -372,12 +372,9 @@ impl Slam {
         let reach = clusters.iter().map(|c| c.mean.coords.norm() + c.length()).fold(0.0, f64::max) + MARGIN;
         let change = |hypothesis: &Hypothesis| {
             let pose = hypothesis.world_from_robot;
-            let near: Vec<(Slot, MapCluster)> = self
-                .pool
-                .clusters_of(&hypothesis.map)
-                .filter(|(_, entry)| is_near(&entry.cluster, pose, reach))
-                .map(|(slot, entry)| (slot, *entry))
-                .collect();
+            let local = LocalPose::new(pose, self.table.anchor());
+            let slots = self.table.near(&hypothesis.map.slots, local.x, local.y, reach as f32);
+            let near: Vec<(Slot, MapCluster)> = slots.into_iter().map(|slot| (slot, *self.pool.get(slot))).collect();
             let clusters_in_world: Vec<Cluster> = clusters.iter().map(|cluster| cluster.transformed(pose)).collect();
             merge_scan(&near, &clusters_in_world, self.steps, matching, merging)
         };
@@ -421,12 +418,8 @@ impl Slam {
     }
 }
 
-/// Clusters further from the robot than its scan reaches, and this much \[m\] more, are left aside.
+/// Clusters further from the robot than its scan reaches, and this much \[m\] more, are no part of what it saw.
 const MARGIN: f64 = 2.0;
-
-fn is_near(cluster: &Cluster, robot: Pose, reach: f64) -> bool {
-    (cluster.mean - robot.position()).norm() < reach + 0.5 * cluster.length()
-}
 
 /// Does some work and adds the seconds that it took.
 fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {

@@ -51,7 +51,8 @@ impl Place {
 
     fn command(&self, words: &[&str]) -> Command {
         let mut command = Command::new(cargo_bin("ipslam"));
-        command.current_dir(self.folder.path()).args(words);
+        // Graphics drivers complain where a session has no such folder.
+        command.current_dir(self.folder.path()).env("XDG_RUNTIME_DIR", self.folder.path()).args(words);
         command
     }
 
@@ -557,4 +558,55 @@ fn a_real_log_is_mapped() {
     // Within the first 40 s there is no loop to close: scan matching alone is within a few centimetres.
     let error = summary["metrics"]["relations"]["all"]["translation_m"]["mean"].as_f64().unwrap();
     assert!(error < 0.1, "{error} m");
+}
+
+#[test]
+fn a_backend_that_cannot_be_is_an_error() {
+    let place = Place::new();
+    place.run(&["--backend", "cuda"]).ended(2);
+    place.run(&["--max-scans", "2", "--backend", "gpu", "--adapter", "no such thing"]).failed(1, &["no"]);
+    place.run(&["--max-scans", "2", "--adapter", "no such thing"]).failed(1, &["no"]);
+    let nothing_mapped = !place.path("ipslam-out/building/trajectory.tum").exists();
+    assert!(nothing_mapped, "a run without its device went on");
+}
+
+/// Whatever there is, the run goes on, says where, and tells the same in its summary.
+#[test]
+fn the_backend_is_told() {
+    let place = Place::new();
+    let done = place.run(&["--max-scans", "40"]);
+    done.ended(0);
+    let device = place.summary("ipslam-out/building")["device"].as_str().unwrap().to_owned();
+    assert!(
+        done.err.contains(&format!("on the {device}\n")) && done.out.contains(&device),
+        "{}\n{}",
+        done.err,
+        done.out
+    );
+}
+
+/// What the table of a short run has to hold; with devices, each has its row.
+#[test]
+fn bench_prints_a_row_for_every_size() {
+    let place = Place::new();
+    let done = place.ipslam(&["bench", "--particles", "100,200", "--points", "90", "--clusters", "50"]);
+    done.ended(0);
+    for size in ["100     90       50  CPU", "200     90       50  CPU"] {
+        assert!(done.out.contains(size), "{}", done.out);
+    }
+    place.ipslam(&["bench", "--particles", "0"]).ended(2);
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+fn devices_are_listed_and_tested() {
+    use ipslam::evaluator::gpu::device::adapters;
+    let done = Place::new().ipslam(&["devices"]);
+    let adapters = adapters();
+    if adapters.is_empty() {
+        return done.failed(1, &["install", "mesa-vulkan-drivers"]);
+    }
+    done.ended(0);
+    assert!(adapters.iter().all(|adapter| done.out.contains(&adapter.name)), "{}", done.out);
+    assert_eq!(done.out.matches("self-test passed").count(), adapters.len(), "{}", done.out);
 }

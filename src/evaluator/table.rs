@@ -8,6 +8,7 @@ use crate::geometry::Pose;
 use crate::map::{Pool, Slot};
 use crate::ppca::Cluster;
 use nalgebra::Point2;
+use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Everything that a scan may meet.
@@ -86,11 +87,19 @@ impl ClusterTable {
         self.fine.resize(rows, ClusterParams::default());
         self.coarse.resize(rows, ClusterParams::default());
         self.circles.resize(rows, Circle::default());
-        for slot in slots {
-            let (cluster, row) = (&pool.get(slot).cluster, slot as usize);
-            self.fine[row] = ClusterParams::new(cluster, self.anchor, &self.likelihood);
-            self.coarse[row] = ClusterParams::new(cluster, self.anchor, &self.likelihood.capturing());
-            self.circles[row] = self.circle(cluster, [self.fine[row], self.coarse[row]]);
+        let written: Vec<(usize, [ClusterParams; 2], Circle)> = slots
+            .into_par_iter()
+            .map(|slot| {
+                let cluster = &pool.get(slot).cluster;
+                let params = [self.likelihood, self.likelihood.capturing()];
+                let params = params.map(|likelihood| ClusterParams::new(cluster, self.anchor, &likelihood));
+                (slot as usize, params, self.circle(cluster, params))
+            })
+            .collect();
+        for (row, [fine, coarse], circle) in written {
+            self.fine[row] = fine;
+            self.coarse[row] = coarse;
+            self.circles[row] = circle;
         }
         self.revision.update += 1;
     }

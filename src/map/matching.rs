@@ -3,6 +3,7 @@
 use crate::ppca::Cluster;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
+use std::borrow::Borrow;
 
 /// How scan clusters find their map clusters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -57,8 +58,8 @@ impl Circle {
 }
 
 /// For each scan cluster the index of its map cluster, if it has one. Both sets are in the world's frame.
-pub fn match_clusters(map: &[Cluster], scan: &[Cluster], config: &MatchingConfig) -> Vec<Option<usize>> {
-    let circles: Vec<Circle> = map.iter().map(Circle::around).collect();
+pub fn match_clusters<C: Borrow<Cluster>>(map: &[C], scan: &[Cluster], config: &MatchingConfig) -> Vec<Option<usize>> {
+    let circles: Vec<Circle> = map.iter().map(|cluster| Circle::around(cluster.borrow())).collect();
     match config.rule {
         MatchingRule::Paper => greedy(map, &circles, scan, config),
         MatchingRule::Collinear => scan.iter().map(|cluster| most_collinear(map, &circles, cluster, config)).collect(),
@@ -66,7 +67,12 @@ pub fn match_clusters(map: &[Cluster], scan: &[Cluster], config: &MatchingConfig
 }
 
 /// Greedily the pairs of smallest distance, each cluster in one pair at most.
-fn greedy(map: &[Cluster], circles: &[Circle], scan: &[Cluster], config: &MatchingConfig) -> Vec<Option<usize>> {
+fn greedy<C: Borrow<Cluster>>(
+    map: &[C],
+    circles: &[Circle],
+    scan: &[Cluster],
+    config: &MatchingConfig,
+) -> Vec<Option<usize>> {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
     for (s, scan_cluster) in scan.iter().enumerate() {
         for (m, map_cluster) in near(map, circles, scan_cluster, config) {
@@ -104,19 +110,24 @@ pub fn paper_distance(a: &Cluster, b: &Cluster, max_angle: f64) -> f64 {
 }
 
 /// The clusters of a map that may match a cluster, and their places in it.
-fn near<'a>(
-    map: &'a [Cluster],
+fn near<'a, C: Borrow<Cluster>>(
+    map: &'a [C],
     circles: &'a [Circle],
     cluster: &Cluster,
     config: &'a MatchingConfig,
 ) -> impl Iterator<Item = (usize, &'a Cluster)> {
     let circle = Circle::around(cluster);
     let is_near = move |candidate: &(usize, &Circle)| candidate.1.may_match(&circle, config);
-    circles.iter().enumerate().filter(is_near).map(|(index, _)| (index, &map[index]))
+    circles.iter().enumerate().filter(is_near).map(|(index, _)| (index, map[index].borrow()))
 }
 
 /// The map cluster on whose line a cluster lies best.
-fn most_collinear(map: &[Cluster], circles: &[Circle], cluster: &Cluster, config: &MatchingConfig) -> Option<usize> {
+fn most_collinear<C: Borrow<Cluster>>(
+    map: &[C],
+    circles: &[Circle],
+    cluster: &Cluster,
+    config: &MatchingConfig,
+) -> Option<usize> {
     let near = near(map, circles, cluster, config);
     let distances = near.map(|(index, candidate)| (index, line_distance(candidate, cluster, config)));
     let (best, distance) = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;

@@ -99,7 +99,7 @@ pub fn merge_scan(
     matching: &MatchingConfig,
     config: &MergingConfig,
 ) -> MapChange {
-    let map: Vec<Cluster> = near.iter().map(|(_, entry)| entry.cluster).collect();
+    let map: Vec<&Cluster> = near.iter().map(|(_, entry)| &entry.cluster).collect();
     let matches = match_clusters(&map, scan, matching);
     let mut entries: Vec<Entry> =
         near.iter().map(|&(slot, entry)| Entry { slot: Some(slot), entry, state: State::Kept }).collect();

@@ -9,6 +9,7 @@ mod anderson_darling;
 mod clustering;
 mod drive;
 mod evaluator;
+mod failover;
 mod matching;
 mod merging;
 #[path = "../common/oracle.rs"]

@@ -100,7 +100,7 @@ fn the_closer_scan_cluster_gets_the_map_cluster() {
     let map = [cluster(0.0, 0.0, 0.0, 1.0)];
     let scan = [cluster(0.0, 0.2, 0.0, 1.0), cluster(0.0, 0.1, 0.0, 1.0)];
     assert_eq!(match_clusters(&map, &scan, &PAPER), [None, Some(0)]);
-    assert_eq!(match_clusters(&[], &scan, &PAPER), [None, None]);
+    assert_eq!(match_clusters::<Cluster>(&[], &scan, &PAPER), [None, None]);
     assert!(match_clusters(&map, &[], &PAPER).is_empty());
 }
 

@@ -1,0 +1,55 @@
+//! A device that fails in the middle of a drive.
+
+use ipslam::config::Config;
+use ipslam::evaluator::cpu::CpuEvaluator;
+use ipslam::evaluator::layout::LocalPose;
+use ipslam::evaluator::{Evaluator, EvaluatorError, Propagation, Proposal, Scene};
+use ipslam::io::LogSource;
+use ipslam::simulate::Simulation;
+use ipslam::slam::Slam;
+
+/// Answers so many times, then no more.
+#[derive(Debug)]
+struct Dying(u32);
+
+impl Dying {
+    fn breathe(&mut self) -> Result<(), EvaluatorError> {
+        let failure = || EvaluatorError::DeviceFailed { device: "Dying".to_owned(), reason: "it has died".to_owned() };
+        self.0 = self.0.checked_sub(1).ok_or_else(failure)?;
+        Ok(())
+    }
+}
+
+impl Evaluator for Dying {
+    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError> {
+        self.breathe()?;
+        CpuEvaluator.propagate(scene, how)
+    }
+
+    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
+        self.breathe()?;
+        CpuEvaluator.weigh(scene, poses)
+    }
+}
+
+/// The drive goes on to the same end, whichever call was the last one, and the failure is told.
+#[test]
+fn the_cpu_does_the_step_again() {
+    for config in
+        [Config { particles: 8, maps: 4, ..Config::default() }, Config { particles: 5, maps: 5, ..Config::paper() }]
+    {
+        let drive = |mut slam: Slam| {
+            let entries = Simulation::building(1).open().unwrap().take(150);
+            entries.for_each(|entry| slam.add(&entry.unwrap(), &mut |_| ()));
+            (slam.evaluator_failure().map(ToString::to_string), slam.finish().trajectory)
+        };
+        let (no_failure, expected) = drive(Slam::new(config));
+        assert_eq!(no_failure, None);
+        for answers in [0, 1, 30, u32::MAX] {
+            let (failure, trajectory) = drive(Slam::with_evaluator(config, Box::new(Dying(answers))));
+            assert_eq!(failure.is_none(), answers == u32::MAX, "after {answers} answers");
+            assert!(failure.is_none_or(|failure| failure.contains("Dying") && failure.contains("it has died")));
+            assert_eq!(trajectory, expected, "after {answers} answers");
+        }
+    }
+}
