@@ -2,7 +2,7 @@
 //!
 //! An [`Evaluator`] draws the poses of all particles and tells how likely the scan is from each of them. There are two,
 //! with the same steps under the same names, and the same answers but for rounding: [`cpu`], and with the feature `gpu`
-//! [`gpu`], whose kernels are the files of `shaders/`.
+//! `gpu`, whose kernels are the files of `shaders/`.
 //!
 //! | Step | What | Equation |
 //! |---|---|---|

@@ -46,7 +46,7 @@ pub enum Changed {
     Slots(Vec<Slot>),
 }
 
-/// Where a cluster can be likelier than an outlier: nowhere outside this circle.
+/// Where a cluster is, and where it can be likelier than an outlier: nowhere outside this circle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Circle {
     x: f32,
@@ -112,7 +112,8 @@ impl ClusterTable {
             let metres = |distance: f32, [x, y, _]: [f32; 3]| distance / x.hypot(y);
             metres(params.half_length + reach, params.along).hypot(metres(reach, params.across))
         };
-        let radius = params.map(radius).into_iter().fold(0.0, f32::max);
+        // Its whole length in any case: who looks for walls to match needs those that explain nothing, too.
+        let radius = params.map(radius).into_iter().fold(0.5 * cluster.length() as f32, f32::max);
         // Room for rounding.
         Circle { x: mean.x as f32, y: mean.y as f32, radius: radius * 1.001 + 0.001 }
     }

@@ -5,6 +5,7 @@ use crate::worlds::{World, all, configs, random};
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::gpu::GpuEvaluator;
 use ipslam::evaluator::gpu::device::Adapter;
+use ipslam::evaluator::gpu::shaders::Together;
 use ipslam::evaluator::layout::LocalPose;
 use ipslam::evaluator::symmetric::{Cholesky, unpacked};
 use ipslam::evaluator::table::ClusterTable;
@@ -49,8 +50,12 @@ impl Found {
     }
 }
 
-fn gpu(adapter: &Adapter) -> GpuEvaluator {
-    GpuEvaluator::new(adapter).unwrap()
+/// The device, with each way in which lanes come by the clusters that they all look through: devices differ in which
+/// they take.
+fn both_ways(adapter: &Adapter) -> Vec<GpuEvaluator> {
+    let can = |together: &Together| *together == Together::Loads || adapter.can_broadcast();
+    let ways = Together::ALL.into_iter().filter(can);
+    ways.map(|together| GpuEvaluator::with_sources(adapter, |kernel, _| kernel.source(together)).unwrap()).collect()
 }
 
 fn apart(a: Pose, b: Pose) -> f64 {
@@ -108,7 +113,9 @@ pub fn compare_propagated(evaluator: &mut dyn Evaluator) -> Found {
 }
 
 pub fn poses_are_propagated_alike(adapter: &Adapter) {
-    compare_propagated(&mut gpu(adapter)).report(["GPU and CPU", "GPU and f64", "CPU and f64"]);
+    for mut gpu in both_ways(adapter) {
+        compare_propagated(&mut gpu).report(["GPU and CPU", "GPU and f64", "CPU and f64"]);
+    }
 }
 
 pub fn compare_weighed(evaluator: &mut dyn Evaluator) -> Found {
@@ -135,7 +142,9 @@ pub fn compare_weighed(evaluator: &mut dyn Evaluator) -> Found {
 }
 
 pub fn scans_are_weighed_alike(adapter: &Adapter) {
-    compare_weighed(&mut gpu(adapter)).report(["GPU and CPU", "GPU and f64", "CPU and f64"]);
+    for mut gpu in both_ways(adapter) {
+        compare_weighed(&mut gpu).report(["GPU and CPU", "GPU and f64", "CPU and f64"]);
+    }
 }
 
 /// Worlds in which a climb has one way to go: the robot is off by centimetres, and its walls by metres.
@@ -205,8 +214,10 @@ pub fn compare_refined(evaluator: &mut dyn Evaluator) -> Found {
 /// In worlds where every climb has one top, the tops are the same; in worlds of clutter, where a bit may decide between
 /// two, nearly all of them.
 pub fn poses_are_refined_alike(adapter: &Adapter) {
-    let mut gpu = gpu(adapter);
-    compare_refined(&mut gpu).report(["GPU and CPU", "GPU and f64", "CPU and f64"]);
+    for mut gpu in both_ways(adapter) {
+        compare_refined(&mut gpu).report(["GPU and CPU", "GPU and f64", "CPU and f64"]);
+    }
+    let mut gpu = GpuEvaluator::new(adapter).unwrap();
     let (mut same, mut all_climbs) = (0, 0);
     for world in all() {
         let starts = [world.start()];
@@ -243,7 +254,9 @@ pub fn compare_draws(evaluator: &mut dyn Evaluator) -> Found {
 }
 
 pub fn draws_are_alike(adapter: &Adapter) {
-    compare_draws(&mut gpu(adapter)).report(["GPU and CPU", "", ""]);
+    for mut gpu in both_ways(adapter) {
+        compare_draws(&mut gpu).report(["GPU and CPU", "", ""]);
+    }
 }
 
 /// No list misses a cluster that is likelier than an outlier for some point from some pose, and none is much longer than
@@ -288,12 +301,14 @@ pub fn compare_lists(evaluator: &mut GpuEvaluator) -> Found {
 }
 
 pub fn candidate_lists_leave_nothing_out(adapter: &Adapter) {
-    compare_lists(&mut gpu(adapter)).report(["", "length of lists", ""]);
+    for mut gpu in both_ways(adapter) {
+        compare_lists(&mut gpu).report(["", "length of lists", ""]);
+    }
 }
 
 /// More groups than a dispatch can have workgroups.
 pub fn work_is_split_to_fit(adapter: &Adapter) {
-    let mut gpu = gpu(adapter);
+    let mut gpu = GpuEvaluator::new(adapter).unwrap();
     let world = random(21, configs()[0], Pose::new(1.0, 2.0, 0.5), 12, 1);
     let tiles = &world.tiles[..2];
     let maps = vec![world.maps[0].clone(); 66_000];
@@ -316,7 +331,7 @@ pub fn work_is_split_to_fit(adapter: &Adapter) {
 
 /// Clusters that come, go and change between steps, few and many, and an anchor that moves.
 pub fn a_step_uploads_what_changed(adapter: &Adapter) {
-    let mut gpu = gpu(adapter);
+    let mut gpu = GpuEvaluator::new(adapter).unwrap();
     let world = random(22, configs()[0], Pose::new(1.0, 2.0, 0.5), 60, 5);
     let (mut pool, mut table) = (Pool::default(), ClusterTable::new(world.config));
     let mut slots = Vec::new();

@@ -80,11 +80,15 @@ impl Adapter {
         self.adapter.limits()
     }
 
-    /// How its lanes come by the clusters that they all look through.
+    /// Whether lanes can tell one another what they have loaded: subgroups, of eight lanes at least.
+    pub fn can_broadcast(&self) -> bool {
+        self.adapter.features().contains(wgpu::Features::SUBGROUP) && self.adapter.get_info().subgroup_min_size >= 8
+    }
+
+    /// How lanes come by the clusters that they all look through: in software, each load is done for one lane after the
+    /// other.
     fn together(&self) -> Together {
-        let has_subgroups = self.adapter.features().contains(wgpu::Features::SUBGROUP)
-            && self.adapter.get_info().subgroup_min_size >= 8;
-        if self.kind == AdapterKind::Software && has_subgroups { Together::Broadcasts } else { Together::Loads }
+        if self.kind == AdapterKind::Software && self.can_broadcast() { Together::Broadcasts } else { Together::Loads }
     }
 
     /// Opens it.
@@ -93,10 +97,7 @@ impl Adapter {
         let together = self.together();
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("ipslam"),
-            required_features: match together {
-                Together::Loads => wgpu::Features::empty(),
-                Together::Broadcasts => wgpu::Features::SUBGROUP,
-            },
+            required_features: self.adapter.features() & wgpu::Features::SUBGROUP,
             // As much as it has; the work is cut to fit.
             required_limits: self.adapter.limits(),
             ..wgpu::DeviceDescriptor::default()
