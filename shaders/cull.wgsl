@@ -57,6 +57,8 @@ fn cull(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index
         low[lane] = off;
         high[lane] = off;
     }
+    // What this group's lanes read of other memory they have read before one of them writes it, too.
+    storageBarrier();
     workgroupBarrier();
     for (var half = 32u; half > 0u; half /= 2u) {
         if lane < half {

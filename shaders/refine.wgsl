@@ -15,7 +15,7 @@ var<workgroup> partial: array<Sums, 64>;
 
 // Longest step, and one that moves next to nothing: metres, metres, radians.
 const MAX_STEP = vec3f(0.3, 0.3, 0.15);
-const NEXT_TO_NOTHING = vec3f(5e-4, 5e-4, 2e-4);
+const CONVERGED = vec3f(5e-4, 5e-4, 2e-4);
 
 fn add(a: Sums, b: Sums) -> Sums {
     return Sums(
@@ -162,6 +162,8 @@ fn refine(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
         }
     }
     partial[lane] = sums;
+    // What this group's lanes read of other memory they have read before one of them writes it, too.
+    storageBarrier();
     workgroupBarrier();
     if !is_climber || mine.first_tile != 0u {
         return;
@@ -177,12 +179,12 @@ fn refine(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
     let cholesky = cholesky_of(information);
     var state = SETTLED;
     var next = pose;
-    let is_last = phase.restart == 0u && modes[mine.particle].state == CONVERGED;
+    let is_last = phase.restart == 0u && modes[mine.particle].state == LAST_LOOK;
     if phase.may_step == 1u && cholesky.exists && !is_last {
         let whole = solve(cholesky, gradient);
         let shrink = MAX_STEP / max(abs(whole), vec3f(1e-12));
         let taken = whole * min(1.0, min(shrink.x, min(shrink.y, shrink.z)));
-        state = select(CLIMBING, CONVERGED, all(abs(taken) < NEXT_TO_NOTHING));
+        state = select(CLIMBING, LAST_LOOK, all(abs(taken) < CONVERGED));
         next = moved(pose, taken);
     }
     poses[mine.particle] = vec4f(next, sums.log_likelihood);

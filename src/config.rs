@@ -143,7 +143,7 @@ impl Config {
 const MOST_PARTICLES: usize = 10_000_000;
 
 /// Numbers with limits of their own, least and greatest; all others may be anything from 0 on, infinity included.
-const LIMITS: [(&str, f64, f64); 21] = [
+const LIMITS: [(&str, f64, f64); 23] = [
     ("scan.min_range", 0.0, 1e6),
     ("clustering.min_points", 2.0, 1e6),
     ("clustering.noise", 1e-6, 1e3),
@@ -161,6 +161,8 @@ const LIMITS: [(&str, f64, f64); 21] = [
     ("likelihood.temper", 1e-6, 1e3),
     ("likelihood.max_points", 1.0, f64::INFINITY),
     ("proposal.iterations", 0.0, 1e4),
+    ("proposal.spread", 0.0, 1e3),
+    ("proposal.tracking_starts", 0.0, 1e6),
     ("filter.resample_below", 0.0, 1.0),
     ("smoothing.position", 1e-6, 1e3),
     ("smoothing.heading", 1e-6, 1e3),
@@ -333,7 +335,7 @@ mod tests {
             ("particles = 0", "particles (option --particles) is 0, but has to be 1 to 10000000"),
             ("particles = 20000000\nmaps = 1", "is 20000000, but has to be 1 to"),
             ("maps = 0", "maps (option --maps) is 0, but has to be 1 to the number of particles, which is 256"),
-            ("maps = 129", "maps (option --maps) is 129"),
+            ("maps = 257", "maps (option --maps) is 257"),
             ("particles = 10\nmaps = 4", "multiple of the number of maps, which is 4: 8 or 12"),
             ("[likelihood]\ntemper = nan", "likelihood.temper is nan, but has to be 0.000001 to 1000"),
             ("[likelihood]\nmax_points = 0", "likelihood.max_points is 0, but has to be 1 or more"),

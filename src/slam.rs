@@ -86,7 +86,8 @@ pub struct Slam {
 }
 
 impl Slam {
-    /// A filter that has seen nothing. Table I, 2: all particles start at the origin of the world.
+    /// A filter that has seen nothing. Table I, 2: all particles start at the origin of the world. The configuration is
+    /// one that [`Config::validate`] accepts.
     pub fn new(config: Config) -> Self {
         Self::with_failover(config, Failover::new(None))
     }
@@ -369,7 +370,9 @@ impl Slam {
     /// Table I, 6c-ii to v: merges the scan's clusters, given in the robot's frame, into every map.
     fn merge(&mut self, clusters: &[Cluster]) {
         let Config { matching, merging, likelihood, .. } = &self.config;
-        let reach = clusters.iter().map(|c| c.mean.coords.norm() + c.length()).fold(0.0, f64::max) + MARGIN;
+        // No cluster further off can match one of these, or one that such a match makes longer.
+        let reach = clusters.iter().map(|c| c.mean.coords.norm() + c.length()).fold(0.0, f64::max)
+            + 2.0 * (matching.max_gap + matching.max_distance + MARGIN);
         let change = |hypothesis: &Hypothesis| {
             let pose = hypothesis.world_from_robot;
             let local = LocalPose::new(pose, self.table.anchor());
@@ -418,8 +421,8 @@ impl Slam {
     }
 }
 
-/// Clusters further from the robot than its scan reaches, and this much \[m\] more, are no part of what it saw.
-const MARGIN: f64 = 2.0;
+/// Room for the thickness of clusters \[m\].
+const MARGIN: f64 = 1.0;
 
 /// Does some work and adds the seconds that it took.
 fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {

@@ -75,7 +75,7 @@ struct Phase {
 
 // States of a climb.
 const CLIMBING = 0u;
-const CONVERGED = 1u;
+const LAST_LOOK = 1u;
 const SETTLED = 2u;
 
 // Room of a candidate list. Where more clusters reach a tile, all clusters of the map are looked through.

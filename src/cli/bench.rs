@@ -20,7 +20,7 @@ pub struct BenchArgs {
     #[arg(long, value_delimiter = ',', default_values_t = [50, 200, 2000],
           value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     clusters: Vec<u32>,
-    /// Leave out what the CPU would take longer for than this [s]
+    /// Leave out what the CPU would take longer for than this [s], by its time for the number of particles before
     #[arg(long, default_value_t = 5.0)]
     patience: f64,
     /// Threads; 0 for one for each core
@@ -54,7 +54,6 @@ pub fn bench(args: &BenchArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     );
     println!("were left out. Peak: share of the threads' multiply-adds.\n");
     println!("particles points clusters  device                           ms  candidates/s  as if all/s  x CPU  peak");
-    // By the work that there is, so that impatience ends with the smallest that is too large.
     for &clusters in &args.clusters {
         for &points in &args.points {
             let mut cpu_rate = 0.0;

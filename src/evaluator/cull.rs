@@ -148,7 +148,8 @@ pub struct Candidates {
 }
 
 impl Candidates {
-    /// Makes the lists hold for all these poses, where they do not already, and for what is within `slack` \[m, rad\].
+    /// Makes the lists hold for all these poses, where they do not already, and for what is within `slack` \[m, rad\]. Map
+    /// and tiles are the same in every call.
     pub fn cover(&mut self, map: &LocalMap, tiles: &[Tile], poses: &[LocalPose], slack: [f32; 2]) {
         let covered = |bounds: Bounds| poses.iter().all(|&pose| bounds.contain(pose));
         if !self.bounds.is_some_and(covered) {

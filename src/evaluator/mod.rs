@@ -164,13 +164,15 @@ pub enum EvaluatorError {
 
 /// Draws and weighs particles.
 pub trait Evaluator: std::fmt::Debug + Send {
-    /// Draws a pose for every particle: motion, climb and draw. As many proposals as maps times particles a map.
+    /// Draws a pose for every particle: motion, climb and draw. As many proposals as maps times particles a map; the
+    /// scene has as many maps as there are starts.
     ///
     /// # Errors
     /// The device failed; the same call to another evaluator gives what this one should have given.
     fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError>;
 
     /// The log-likelihood (eq. 18) of the scan from each pose; as many poses for each map, those of the first map first.
+    /// Their number is a multiple of that of the maps.
     ///
     /// # Errors
     /// As for `propagate`.

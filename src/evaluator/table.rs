@@ -40,7 +40,7 @@ impl Revision {
 /// Rows that the last update wrote.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Changed {
-    /// Every one of them: the anchor has moved.
+    /// Every one of them.
     All,
     /// These.
     Slots(Vec<Slot>),

@@ -113,9 +113,10 @@ impl Workload {
     pub fn difference(&self, evaluator: &mut dyn Evaluator) -> Result<f64, EvaluatorError> {
         let weighed = evaluator.weigh(&self.scene(), &self.poses)?;
         let expected = super::cpu::weigh_all(&self.scene(), &self.poses);
-        let differences = weighed.iter().zip(&expected).map(|(a, b)| f64::from((a - b).abs()));
         // A weight that is not a number is as far off as can be.
-        let worst = differences.fold(0.0, |worst, d| if d <= worst { worst } else { d });
+        let apart = |(a, b): (&f32, &f32)| Some(f64::from((a - b).abs())).filter(|d| !d.is_nan());
+        let differences = weighed.iter().zip(&expected).map(|pair| apart(pair).unwrap_or(f64::INFINITY));
+        let worst = differences.fold(0.0, f64::max);
         Ok(if weighed.len() == expected.len() { worst / self.points as f64 } else { f64::INFINITY })
     }
 }
@@ -209,6 +210,32 @@ pub fn instructions() -> String {
 mod tests {
     use super::*;
     use crate::evaluator::cpu::CpuEvaluator;
+    use crate::evaluator::{Propagation, Proposal};
+
+    /// The CPU, but for the first weight.
+    #[derive(Debug)]
+    struct Wrong(f32);
+
+    impl Evaluator for Wrong {
+        fn propagate(&mut self, _: &Scene<'_>, _: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError> {
+            Ok(Vec::new())
+        }
+
+        fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
+            let mut weighed = CpuEvaluator.weigh(scene, poses)?;
+            weighed[0] += self.0;
+            Ok(weighed)
+        }
+    }
+
+    #[test]
+    fn a_wrong_weight_is_a_difference() {
+        let workload = Workload::new(100, 180, 50);
+        for (off, expected) in [(18.0, 0.1), (f32::NAN, f64::INFINITY)] {
+            let found = workload.difference(&mut Wrong(off)).unwrap();
+            assert!(found == expected || (found - expected).abs() < 1e-5, "{off}: {found}, not {expected}");
+        }
+    }
 
     #[test]
     fn a_workload_is_as_large_as_asked_for() {

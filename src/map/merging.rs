@@ -122,8 +122,8 @@ pub fn merge_scan(
         consolidate(&mut entries, matching, config);
     }
     for entry in &mut entries {
-        let forgotten =
-            entry.entry.sightings < config.min_sightings && entry.entry.last_step + config.clutter_age < step;
+        let forgotten = entry.entry.sightings < config.min_sightings
+            && entry.entry.last_step.saturating_add(config.clutter_age) < step;
         if forgotten && entry.state == State::Kept {
             entry.state = State::Gone;
         }

@@ -126,6 +126,17 @@ fn several_pieces_of_a_wall_match_it_by_the_collinear_rule() {
 
 proptest! {
     /// Which of two clusters is in the map does not matter, nor which way a direction points.
+    /// What is left aside at little cost would not have matched.
+    #[test]
+    fn collinear_matches_are_those_of_brute_force(map in clusters(12), scan in clusters(6), gap in 0.0..0.2f64) {
+        let config = MatchingConfig { max_gap: gap, ..MatchingConfig::default() };
+        for (cluster, found) in scan.iter().zip(match_clusters(&map, &scan, &config)) {
+            let distances = map.iter().map(|candidate| line_distance(candidate, cluster, &config));
+            let best = distances.enumerate().filter(|(_, d)| d.is_finite()).min_by(|a, b| a.1.total_cmp(&b.1));
+            prop_assert_eq!(found, best.map(|(index, _)| index));
+        }
+    }
+
     #[test]
     fn line_distance_is_symmetric(pair in clusters(3)) {
         prop_assume!(pair.len() == 2);

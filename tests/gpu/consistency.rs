@@ -2,6 +2,7 @@
 
 use crate::oracle::{slow, slow_climb, slow_density};
 use crate::worlds::{World, all, configs, random};
+use ipslam::config::Config;
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::gpu::GpuEvaluator;
 use ipslam::evaluator::gpu::device::Adapter;
@@ -9,10 +10,14 @@ use ipslam::evaluator::gpu::shaders::Together;
 use ipslam::evaluator::layout::LocalPose;
 use ipslam::evaluator::symmetric::{Cholesky, unpacked};
 use ipslam::evaluator::table::ClusterTable;
-use ipslam::evaluator::{Evaluator, Propagation, Scene, Start};
-use ipslam::geometry::{Pose, wrap_angle};
+use ipslam::evaluator::{Evaluator, Propagation, Proposal, Scene, Start};
+use ipslam::geometry::{Pose, StampedPose, wrap_angle};
+use ipslam::io::{LogEntry, LogSource};
 use ipslam::map::{MapCluster, Pool};
+use ipslam::metrics::trajectory::reference_errors;
 use ipslam::random::{Draw, bits, uniform};
+use ipslam::simulate::Simulation;
+use ipslam::slam::Slam;
 use nalgebra::{Matrix3, Point2, Vector3};
 use std::f64::consts::{PI, TAU};
 
@@ -37,6 +42,11 @@ pub struct Found {
 impl Found {
     fn compare(&mut self, kind: usize, difference: f64, tolerance: f64, what: impl FnOnce() -> String) {
         self.worst[kind] = self.worst[kind].max(difference);
+        self.judge(difference, tolerance, what);
+    }
+
+    /// A difference of another kind, which is not among the worst.
+    fn judge(&mut self, difference: f64, tolerance: f64, what: impl FnOnce() -> String) {
         if difference.is_nan() || difference > tolerance {
             self.wrong.get_or_insert_with(|| format!("{}: {difference:e}, and {tolerance:e} is allowed", what()));
         }
@@ -200,12 +210,12 @@ pub fn compare_refined(evaluator: &mut dyn Evaluator) -> Found {
             // The quadratic model and the log-likelihood are those of the place.
             let log_likelihood = slow(&world.clusters, gpu_pose, &world.points, &world.config);
             let error = (f64::from(gpu.mode.log_likelihood) - log_likelihood).abs() / world.points.len() as f64;
-            found.compare(1, error, WEIGH, what("log-likelihood, GPU and f64"));
+            found.judge(error, WEIGH, what("log-likelihood, GPU and f64"));
             let relative = |a: [f32; 6], b: [f32; 6]| {
                 let [a, b] = [a, b].map(unpacked);
                 (a - b).norm() / b.norm()
             };
-            found.compare(0, relative(gpu.mode.information, cpu.mode.information), 1e-2, what("information"));
+            found.judge(relative(gpu.mode.information, cpu.mode.information), 1e-2, what("information"));
         }
     }
     found
@@ -356,4 +366,57 @@ pub fn a_step_uploads_what_changed(adapter: &Adapter) {
             assert!(error < WEIGH, "step {step}: {a}, not {b}");
         }
     }
+}
+
+/// Maps of one table that differ, each with particles of its own: every group has to find its own clusters and start.
+pub fn every_particle_has_its_own_map(adapter: &Adapter) {
+    const PARTICLES: usize = 70;
+    let world = random(23, configs()[0], Pose::new(1.0, 2.0, 0.5), 60, 1);
+    let maps: Vec<Vec<u32>> = vec![(0..20).collect(), (10..60).rev().collect(), vec![], (0..60).step_by(3).collect()];
+    let scene = Scene { table: &world.table, tiles: &world.tiles, maps: &maps };
+    let pose = |map: usize| world.pose * Pose::new(0.05 * map as f64, -0.03 * map as f64, 0.01 * map as f64);
+    let starts: Vec<Start> =
+        (0..maps.len()).map(|map| Start { mean: world.local(pose(map)), prior: world.local(world.pose) }).collect();
+    let poses: Vec<LocalPose> = (0..maps.len() * PARTICLES)
+        .map(|i| world.local(pose(i / PARTICLES) * Pose::new(1e-3 * i as f64, 0.0, 0.0)))
+        .collect();
+    for mut gpu in both_ways(adapter) {
+        let weighed = gpu.weigh(&scene, &poses).unwrap();
+        let expected = CpuEvaluator.weigh(&scene, &poses).unwrap();
+        let error = |(a, b): (&f32, &f32)| f64::from((a - b).abs()) / world.points.len() as f64;
+        let worst = weighed.iter().zip(&expected).map(error).fold(0.0, f64::max);
+        assert!(worst < WEIGH, "{worst} nats a point");
+        assert!(expected[0] != expected[3 * PARTICLES], "all maps are the same: nothing tested");
+
+        let how = Propagation { exact_first: true, ..how(&starts, PARTICLES, 6) };
+        let proposals = gpu.propagate(&scene, &how).unwrap();
+        let expected = CpuEvaluator.propagate(&scene, &how).unwrap();
+        let in_world = |proposal: &Proposal| proposal.mode.pose.in_world(world.table.anchor());
+        let same = proposals.iter().zip(&expected).filter(|(a, b)| apart(in_world(a), in_world(b)) < REFINED).count();
+        println!("{same} of {} climbs end at the same place", proposals.len());
+        assert_eq!((proposals.len(), expected.len()), (poses.len(), poses.len()));
+        assert!(same as f64 > 0.95 * poses.len() as f64, "{same} of {}", poses.len());
+    }
+}
+
+/// A short drive through the simulated building, mapped on the device: as good as on the CPU.
+pub fn a_drive_is_mapped_as_well(adapter: &Adapter) {
+    let config = Config { particles: 8, maps: 8, ..Config::default() };
+    let error = |mut slam: Slam| {
+        let mut truth = Vec::new();
+        for entry in Simulation::building(1).open().unwrap().take(600) {
+            let entry = entry.unwrap();
+            if let LogEntry::Truth { stamp, world_from_robot } = entry {
+                truth.push(StampedPose { stamp, pose: world_from_robot });
+            }
+            slam.add(&entry, &mut |_| ());
+        }
+        assert!(slam.evaluator_failure().is_none());
+        reference_errors(&truth, &slam.finish().trajectory).absolute.unwrap().mean
+    };
+    let on_device = error(Slam::with_evaluator(config, Box::new(GpuEvaluator::new(adapter).unwrap())));
+    let on_cpu = error(Slam::new(config));
+    println!("mean error on the device {on_device:.3} m, on the CPU {on_cpu:.3} m");
+    // Millimetres are a matter of which particles survive.
+    assert!(on_device < on_cpu + 0.02 && on_cpu < 0.1, "{on_device} m, on the CPU {on_cpu} m");
 }

@@ -95,8 +95,8 @@ const WRONG: [Wrong; 12] = [
     Wrong {
         kernel: Kernel::Refine,
         what: "one step too few",
-        from: "state = select(CLIMBING, CONVERGED",
-        to: "state = select(CONVERGED, CONVERGED",
+        from: "state = select(CLIMBING, LAST_LOOK",
+        to: "state = select(LAST_LOOK, LAST_LOOK",
         seen_by: |gpu| compare_refined(gpu),
     },
     Wrong {

@@ -1,8 +1,10 @@
 //! What needs no device: the kernels are valid WGSL, and what they share with the host lies alike on both sides.
 
-use ipslam::evaluator::gpu::layout::{Group, GroupBounds, Job, ParticleMode, Phase};
+use ipslam::evaluator::gpu::layout::{GROUP, Group, GroupBounds, Job, LIST_ROOM, ParticleMode, Phase};
 use ipslam::evaluator::gpu::shaders::{Kernel, Together};
 use ipslam::evaluator::layout::{ClusterParams, Tile};
+use ipslam::evaluator::{CONVERGED, MAX_STEP};
+use ipslam::random::Draw;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Module, TypeInner};
 use std::mem::offset_of;
@@ -60,4 +62,22 @@ pub fn structs_lie_alike_on_both_sides() {
             assert_eq!((members, *span as usize), (fields.clone(), *size), "{name}: WGSL and Rust");
         }
     }
+}
+
+/// Numbers that are written down on both sides.
+pub fn constants_are_the_same_on_both_sides() {
+    let vector = |numbers: [f32; 3]| format!("vec3f({}, {}, {:?})", numbers[0], numbers[1], numbers[2]);
+    let written = [
+        (Kernel::Cull, format!("const LIST_ROOM = {LIST_ROOM}u;")),
+        (Kernel::Draw, format!("const DRAW_PROPOSAL = {}u;", Draw::Proposal as u32)),
+        (Kernel::Refine, format!("const MAX_STEP = {};", vector(MAX_STEP))),
+        (
+            Kernel::Refine,
+            format!("const CONVERGED = vec3f({:e}, {:e}, {:e});", CONVERGED[0], CONVERGED[1], CONVERGED[2]),
+        ),
+    ];
+    for (kernel, text) in written {
+        assert!(kernel.source(Together::Loads).contains(&text), "{kernel:?} has no {text}");
+    }
+    assert_eq!(GROUP, 64, "the lanes of a workgroup");
 }

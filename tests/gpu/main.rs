@@ -21,7 +21,7 @@ use libtest_mimic::{Arguments, Trial};
 /// A test that needs a device.
 type DeviceTest = fn(&Adapter);
 
-const DEVICE_TESTS: [(&str, DeviceTest); 11] = [
+const DEVICE_TESTS: [(&str, DeviceTest); 13] = [
     ("poses_are_propagated_alike", consistency::poses_are_propagated_alike),
     ("scans_are_weighed_alike", consistency::scans_are_weighed_alike),
     ("poses_are_refined_alike", consistency::poses_are_refined_alike),
@@ -29,6 +29,8 @@ const DEVICE_TESTS: [(&str, DeviceTest); 11] = [
     ("candidate_lists_leave_nothing_out", consistency::candidate_lists_leave_nothing_out),
     ("work_is_split_to_fit", consistency::work_is_split_to_fit),
     ("a_step_uploads_what_changed", consistency::a_step_uploads_what_changed),
+    ("every_particle_has_its_own_map", consistency::every_particle_has_its_own_map),
+    ("a_drive_is_mapped_as_well", consistency::a_drive_is_mapped_as_well),
     ("wrong_kernels_are_found_out", failing::wrong_kernels_are_found_out),
     ("a_kernel_that_is_no_wgsl_is_an_error", failing::a_kernel_that_is_no_wgsl_is_an_error),
     ("a_lost_device_is_an_error_and_the_cpu_takes_over", failing::a_lost_device_is_an_error_and_the_cpu_takes_over),
@@ -42,6 +44,7 @@ fn main() {
     let mut trials = vec![
         trial("kernels_are_valid", layouts::kernels_are_valid),
         trial("structs_lie_alike_on_both_sides", layouts::structs_lie_alike_on_both_sides),
+        trial("constants_are_the_same_on_both_sides", layouts::constants_are_the_same_on_both_sides),
     ];
     match find(wanted.as_deref()) {
         Ok(adapter) => {

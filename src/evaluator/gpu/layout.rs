@@ -33,7 +33,7 @@ pub struct ParticleMode {
     pub information: [f32; 6],
     /// Log-likelihood plus log prior.
     pub log_posterior: f32,
-    /// Climbing, converged or settled.
+    /// Climbing, due a last look, or settled.
     pub state: u32,
     /// The pose drawn around it.
     pub drawn: [f32; 4],

@@ -182,10 +182,13 @@ impl GpuEvaluator {
     }
 
     /// So many groups fit in one submission.
-    fn groups_at_once(&self, tiles: usize) -> usize {
+    fn groups_at_once(&self, scene: &Scene<'_>) -> usize {
+        /// More is not worth the memory: so much keeps any device busy.
+        const ENOUGH: u64 = 256 << 20;
         let limits = &self.opened.limits;
-        let room = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) as usize;
-        let a_group = list_bytes(tiles).max(GROUP * size_of::<ParticleMode>());
+        let room = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size).min(ENOUGH) as usize;
+        let longest_map = scene.maps.iter().map(|slots| size_of_val(slots.as_slice())).max().unwrap_or(0);
+        let a_group = list_bytes(scene.tiles.len()).max(GROUP * size_of::<ParticleMode>()).max(longest_map);
         (room / a_group).clamp(1, limits.max_compute_workgroups_per_dimension as usize)
     }
 
@@ -252,7 +255,7 @@ impl Evaluator for GpuEvaluator {
         }
         let groups = in_order(how.starts.len(), how.particles_a_map, GROUP);
         let mut proposals = Vec::with_capacity(how.starts.len() * how.particles_a_map);
-        for groups in groups.chunks(self.groups_at_once(scene.tiles.len())) {
+        for groups in groups.chunks(self.groups_at_once(scene)) {
             let (poses, modes) = self.submit(scene, &job, Particles::Drawn(how), groups, &dispatches)?;
             if how.iterations == 0 {
                 proposals.extend(poses.into_iter().map(undrawn));
@@ -273,7 +276,7 @@ impl Evaluator for GpuEvaluator {
         });
         let groups = by_place(scene.maps.len(), poses, GROUP);
         let mut log_likelihoods = vec![0.0; poses.len()];
-        for groups in groups.chunks(self.groups_at_once(scene.tiles.len())) {
+        for groups in groups.chunks(self.groups_at_once(scene)) {
             let (weighed, _) = self.submit(scene, &job, Particles::At(poses), groups, &dispatches)?;
             for (&particle, [.., log_likelihood]) in groups.iter().flat_map(|group| &group.particles).zip(weighed) {
                 log_likelihoods[particle as usize] = log_likelihood;
