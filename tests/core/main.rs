@@ -15,12 +15,14 @@ mod merging;
 #[path = "../common/oracle.rs"]
 mod oracle;
 mod proposal;
+#[path = "../common/wall.rs"]
+mod wall;
 
 use ipslam::geometry::Pose;
-use ipslam::ppca::Cluster;
 use ipslam::random::{self, Draw};
 use nalgebra::Point2;
 use proptest::prelude::*;
+use wall::wall;
 
 /// Standard normal numbers.
 fn normals(seed: u64) -> impl Iterator<Item = f64> {
@@ -38,18 +40,6 @@ fn wall_points(a: [f64; 2], b: [f64; 2], noise: f64, count: usize, seed: u64) ->
     let along = b - a;
     let normal = nalgebra::Vector2::new(-along.y, along.x).normalize();
     uniforms(seed).zip(normals(seed)).take(count).map(|(share, z)| a + along * share + normal * (noise * z)).collect()
-}
-
-/// The cluster of a wall from `a` to `b` that is seen evenly: variance length²/12 along it.
-fn wall(a: [f64; 2], b: [f64; 2], across: f64, count: f64) -> Cluster {
-    let (a, b) = (Point2::from(a), Point2::from(b));
-    Cluster {
-        mean: nalgebra::center(&a, &b),
-        direction: (b - a).normalize(),
-        along_variance: (b - a).norm_squared() / 12.0,
-        across_variance: across * across,
-        count,
-    }
 }
 
 /// Poses up to 100 m off, in any direction.

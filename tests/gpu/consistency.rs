@@ -1,6 +1,7 @@
 //! GPU against CPU, and both against f64.
 
 use crate::oracle::{slow, slow_climb, slow_density};
+use crate::wall::wall;
 use crate::worlds::{World, all, configs, random};
 use ipslam::config::Config;
 use ipslam::evaluator::cpu::CpuEvaluator;
@@ -162,8 +163,7 @@ fn rooms() -> Vec<World> {
     let room = |pose: Pose, count: usize, walls: usize| {
         let at = |x: f64, y: f64| [pose.x + x, pose.y + y];
         let corners = [at(-3.0, -2.0), at(3.0, -2.0), at(3.5, 2.0), at(-3.0, 2.5)];
-        let clusters: Vec<_> =
-            (0..walls).map(|i| crate::worlds::wall(corners[i], corners[(i + 1) % 4], 0.02)).collect();
+        let clusters: Vec<_> = (0..walls).map(|i| wall(corners[i], corners[(i + 1) % 4], 0.02, 50.0)).collect();
         let on = |cluster: &ipslam::ppca::Cluster| {
             let cluster = *cluster;
             (-20..=20).map(move |i| cluster.mean + cluster.direction * (0.02 * f64::from(i) * cluster.length()))

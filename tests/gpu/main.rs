@@ -13,6 +13,8 @@ mod failing;
 mod layouts;
 #[path = "../common/oracle.rs"]
 mod oracle;
+#[path = "../common/wall.rs"]
+mod wall;
 mod worlds;
 
 use ipslam::evaluator::gpu::device::{Adapter, find};

@@ -1,6 +1,7 @@
 //! Maps, scans and poses to evaluate: random ones, real ones, and hard ones.
 
 use crate::common::data;
+use crate::wall::wall;
 use ipslam::clustering::{ClusteringConfig, cluster_points};
 use ipslam::evaluator::layout::{Latent, LikelihoodConfig, LocalPose, Tile, tiles};
 use ipslam::evaluator::table::ClusterTable;
@@ -75,18 +76,6 @@ pub fn configs() -> [LikelihoodConfig; 2] {
     [uniform, LikelihoodConfig { latent: Latent::Normal, sigma_floor: 0.05, outlier_density: 1e-8, ..uniform }]
 }
 
-/// The cluster of a wall from `a` to `b` that is seen evenly.
-pub fn wall(a: [f64; 2], b: [f64; 2], across: f64) -> Cluster {
-    let (a, b) = (Point2::from(a), Point2::from(b));
-    Cluster {
-        mean: nalgebra::center(&a, &b),
-        direction: (b - a).normalize(),
-        along_variance: (b - a).norm_squared() / 12.0,
-        across_variance: across * across,
-        count: 50.0,
-    }
-}
-
 /// Walls in all directions around `pose`, and points on and off them, by angle.
 pub fn random(seed: u64, config: LikelihoodConfig, pose: Pose, walls: usize, count: usize) -> World {
     let mut uniforms = (0..).flat_map(|i| bits(seed, 1, i, Draw::Motion)).map(|word| f64::from(uniform(word)));
@@ -95,7 +84,7 @@ pub fn random(seed: u64, config: LikelihoodConfig, pose: Pose, walls: usize, cou
         .map(|_| {
             let a = [pose.x + between(-10.0, 10.0), pose.y + between(-10.0, 10.0)];
             let (angle, length) = (between(-PI, PI), between(0.2, 6.0));
-            wall(a, [a[0] + length * angle.cos(), a[1] + length * angle.sin()], between(0.0, 0.05))
+            wall(a, [a[0] + length * angle.cos(), a[1] + length * angle.sin()], between(0.0, 0.05), 50.0)
         })
         .collect();
     let mut points: Vec<Point2<f64>> = (0..181)
@@ -138,7 +127,8 @@ pub fn all() -> Vec<World> {
     // The same clusters twice, and walls that are as far from a point on either side.
     let twice = clusters.iter().chain(&clusters).copied().collect();
     worlds.push(World::new("every cluster twice", uniform, twice, points.clone(), pose, 70));
-    let parallel = vec![wall([-4.0, 0.96875], [4.0, 0.96875], 0.03), wall([-4.0, 1.03125], [4.0, 1.03125], 0.03)];
+    let parallel =
+        vec![wall([-4.0, 0.96875], [4.0, 0.96875], 0.03, 50.0), wall([-4.0, 1.03125], [4.0, 1.03125], 0.03, 50.0)];
     let between: Vec<_> = (-16..=16).map(|i| Point2::new(f64::from(i) * 0.125, 1.0)).collect();
     let mut tie = World::new("points on a tie", uniform, parallel, between, Pose::IDENTITY, 3);
     tie.poses = vec![Pose::IDENTITY, Pose::new(0.5, 0.0, 0.0), Pose::new(-0.25, 0.0, 0.0)];

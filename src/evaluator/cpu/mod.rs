@@ -56,10 +56,11 @@ pub fn propagate_all(scene: &Scene<'_>, how: &Propagation<'_>) -> Vec<Proposal> 
 
 /// As [`Evaluator::weigh`].
 pub fn weigh_all(scene: &Scene<'_>, poses: &[LocalPose]) -> Vec<f32> {
+    // Once a map: with many particles there are many groups of each.
+    let maps: Vec<LocalMap> = scene.maps.par_iter().map(|slots| local_map(scene, slots, scene.table.fine())).collect();
     let weigh = |group: &ParticleGroup| {
-        let map = local_map(scene, &scene.maps[group.map], scene.table.fine());
         let poses: Vec<LocalPose> = group.particles.iter().map(|&particle| poses[particle as usize]).collect();
-        weigh(&map, scene, &poses)
+        weigh(&maps[group.map], scene, &poses)
     };
     let groups = by_place(scene.maps.len(), poses, WEIGHED);
     let weighed: Vec<Vec<f32>> = groups.par_iter().map(weigh).collect();
