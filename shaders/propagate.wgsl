@@ -16,5 +16,10 @@ fn propagate(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
             l[0].w * normals.x + l[1].x * normals.y + l[1].y * normals.z,
         );
     }
-    poses[group.first + lane] = vec4f(moved(group.mean, noise), 0.0);
+    let particle = group.first + lane;
+    var mean = group.mean;
+    if job.from_own_pose == 1u {
+        mean = moved(poses[particle].xyz, group.mean);
+    }
+    poses[particle] = vec4f(moved(mean, noise), 0.0);
 }

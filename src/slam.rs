@@ -183,7 +183,7 @@ impl Slam {
         timed(&mut times.weigh, || self.weigh(&mut particles, tiles));
         let weights = normalised(&particles.iter().map(|particle| particle.log_weight).collect::<Vec<_>>());
         // 6d
-        let resampled = timed(&mut times.resample, || self.resample(&particles, &weights));
+        let (resampled, parents) = timed(&mut times.resample, || self.resample(&particles, &weights));
         if !self.config.filter.weigh_merged_map {
             // 6c-ii to v, for the survivors alone
             timed(&mut times.merge, || self.merge(&clusters));
@@ -206,6 +206,7 @@ impl Slam {
             map: &self.clusters_of(best),
             effective_sample_size: effective_sample_size(&weights),
             resampled,
+            parents: &parents,
             times,
         });
         self.steps += 1;
@@ -327,8 +328,8 @@ impl Slam {
     }
 
     /// Table I, 6d: each map keeps one of its poses; maps are drawn anew where too few of them carry the weight.
-    /// Returns whether they were.
-    fn resample(&mut self, particles: &[Particle], weights: &[f64]) -> bool {
+    /// Returns whether they were, and for each map that is left the number of the one that it was.
+    fn resample(&mut self, particles: &[Particle], weights: &[f64]) -> (bool, Vec<u32>) {
         let (maps, poses_a_map) = (self.hypotheses.len(), particles.len() / self.hypotheses.len());
         let offset =
             |number: usize| f64::from(uniform(bits(self.config.seed, self.steps, number as u32, Draw::Resample)[0]));
@@ -337,9 +338,9 @@ impl Slam {
             || self.config.filter.resample_below >= 1.0;
         let survivors = if resampled { resample(&map_weights, maps, offset(maps)) } else { (0..maps).collect() };
         self.hypotheses = survivors
-            .into_iter()
+            .iter()
             .enumerate()
-            .map(|(number, survivor)| {
+            .map(|(number, &survivor)| {
                 let poses = survivor * poses_a_map..(survivor + 1) * poses_a_map;
                 let drawn = resample(&weights[poses.clone()], 1, offset(number)).first().copied().unwrap_or(0);
                 let (from, particle) = (&self.hypotheses[survivor], &particles[poses.start + drawn]);
@@ -357,7 +358,7 @@ impl Slam {
         self.hypotheses.iter_mut().zip(ends).for_each(|(hypothesis, end)| hypothesis.path = end);
         self.best =
             (0..maps).max_by(|&a, &b| self.hypotheses[a].score.total_cmp(&self.hypotheses[b].score)).unwrap_or(0);
-        resampled
+        (resampled, survivors.into_iter().map(|survivor| survivor as u32).collect())
     }
 
     /// Moves the robot of each map to where its one particle is, so that the scan can be merged before the weighing.

@@ -4,8 +4,9 @@
 
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::ppca::Cluster;
-use ipslam::record::rerun::{RecordError, RerunObserver, layout};
-use ipslam::record::{Observer, ReportedParticle, RunResult, StageTimes, StepReport};
+use ipslam::config::Config;
+use ipslam::record::rerun::{Level, RecordError, RerunObserver, layout};
+use ipslam::record::{Observer, ReportedParticle, RunInfo, RunResult, StageTimes, StepReport};
 use ipslam::scan::Scan;
 use nalgebra::{Isometry2, Point2, Vector2};
 use rerun::blueprint::components::ViewClass;
@@ -102,6 +103,10 @@ fn xy(isometry: Isometry2<f64>) -> [f64; 2] {
     [isometry.translation.x, isometry.translation.y]
 }
 
+fn info() -> RunInfo {
+    RunInfo { log: "a test".to_owned(), device: "CPU".to_owned(), config: Config { seed: 77, ..Config::paper() } }
+}
+
 /// A drive along an arc, in a world where odometry starts elsewhere, turned, and drifts.
 fn true_pose(step: u32) -> Pose {
     let s = f64::from(step);
@@ -149,6 +154,7 @@ fn record(observer: &mut RerunObserver, step: u32, map: &[Cluster]) {
         map,
         effective_sample_size: 1.5 + f64::from(step),
         resampled: step % 2 == 1,
+        parents: &[2, 0, 1],
         times: StageTimes {
             cluster: 0.1,
             track: 0.2,
@@ -170,12 +176,12 @@ fn result(steps: u32) -> RunResult {
 fn recorded(steps: u32) -> Recording {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
-    let mut observer = RerunObserver::to_file(&path, "a test").unwrap();
+    let mut observer = RerunObserver::to_file(&path, &info(), Level::Full).unwrap();
     for step in 0..steps {
         let map = [wall(0.0), wall(5.0)];
         record(&mut observer, step, if step < 3 { &map[..1] } else { &map });
     }
-    observer.on_finish(&result(steps));
+    observer.on_finish(&result(steps), true);
     assert_eq!(observer.failure(), None);
     // The observer still lives: the file has to be complete without its end.
     Recording::read(&path)
@@ -239,7 +245,7 @@ fn the_likeliest_particle_is_the_brightest_and_on_top() {
 fn many_particles_are_sampled() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
-    let mut observer = RerunObserver::to_file(&path, "a test").unwrap();
+    let mut observer = RerunObserver::to_file(&path, &info(), Level::Full).unwrap();
     let particles: Vec<_> = (0..10_000)
         .map(|i| ReportedParticle { world_from_robot: Pose::new(f64::from(i), 0.0, 0.0), weight: 1e-4 })
         .collect();
@@ -254,6 +260,7 @@ fn many_particles_are_sampled() {
         map: &[],
         effective_sample_size: 10_000.0,
         resampled: false,
+        parents: &[],
         times: StageTimes::default(),
     });
     drop(observer);
@@ -356,7 +363,7 @@ fn the_world_is_shown_with_y_up() {
 fn a_file_that_cannot_be_made_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("missing").join("run.rrd");
-    let error = RerunObserver::to_file(&path, "a test").err().expect("there is no such folder");
+    let error = RerunObserver::to_file(&path, &info(), Level::Full).err().expect("there is no such folder");
     assert!(matches!(error, RecordError::File { .. }));
     let text = error.to_string();
     assert!(text.contains(path.to_str().unwrap()) && text.contains("choose a folder"), "{text}");
@@ -365,7 +372,7 @@ fn a_file_that_cannot_be_made_is_an_error() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_an_error() {
-    let error = RerunObserver::to_file(Path::new("/dev/full"), "a test").err().expect("nothing can be written");
+    let error = RerunObserver::to_file(Path::new("/dev/full"), &info(), Level::Light).err().expect("nothing can be written");
     assert!(matches!(error, RecordError::File { .. }), "{error}");
 }
 
@@ -388,13 +395,13 @@ fn a_failure_during_the_run_is_kept_and_stops_nothing() {
             }
         }
     });
-    let mut observer = RerunObserver::to_file(&path, "a test").unwrap();
+    let mut observer = RerunObserver::to_file(&path, &info(), Level::Full).unwrap();
     assert_eq!(observer.failure(), None);
     stop.send(()).unwrap();
     for step in 0..250 {
         record(&mut observer, step, &[wall(0.0)]);
     }
-    observer.on_finish(&result(250));
+    observer.on_finish(&result(250), true);
     reader.join().unwrap();
     let failure = observer.failure().expect("the pipe was closed");
     assert!(failure.contains("broke off at step") && failure.contains("is the disk full?"), "{failure}");
@@ -402,10 +409,10 @@ fn a_failure_during_the_run_is_kept_and_stops_nothing() {
 
 #[test]
 fn an_address_of_no_viewer_is_an_error() {
-    let error = RerunObserver::connect(Some("not an address"), "a test").err().expect("no address");
+    let error = RerunObserver::connect(Some("not an address"), &info(), Level::Light).err().expect("no address");
     assert!(matches!(error, RecordError::Address { .. }), "{error}");
     // The port of the discard service, where nobody listens.
-    let error = RerunObserver::connect(Some("rerun+http://127.0.0.1:9/proxy"), "a test").err().expect("no viewer");
+    let error = RerunObserver::connect(Some("rerun+http://127.0.0.1:9/proxy"), &info(), Level::Light).err().expect("no viewer");
     assert!(matches!(error, RecordError::NoViewer { .. }), "{error}");
     assert!(error.to_string().contains("start one"), "{error}");
 }

@@ -51,6 +51,8 @@ struct Job {
     spread: f32,
     tile_count: u32,
     log_outlier: f32,
+    // Particles start from where they are, and the mean of their group is a motion.
+    from_own_pose: u32,
 }
 
 struct Phase {

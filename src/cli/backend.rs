@@ -32,7 +32,7 @@ pub struct Chosen {
 
 impl Chosen {
     /// The CPU, with the reason if it is a second choice.
-    fn cpu(reason: Option<String>) -> Self {
+    pub fn cpu(reason: Option<String>) -> Self {
         Self { evaluator: None, name: reason.map_or_else(|| "CPU".to_owned(), |reason| format!("CPU ({reason})")) }
     }
 }

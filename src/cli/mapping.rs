@@ -63,13 +63,14 @@ pub struct Tally {
     first_and_latest_stamp: Option<(f64, f64)>,
 }
 
-/// Maps a log and smooths the result, up to `max_scans` of it.
+/// Maps a log up to `max_scans` of it, and smooths the result if told so.
 pub fn map_log(
     source: &dyn LogSource,
     mut slam: Slam,
     config: &Config,
     max_scans: Option<u64>,
-    observers: &mut [Box<dyn Observer>],
+    smoothes: bool,
+    observers: &mut [Box<dyn Observer + '_>],
 ) -> Result<Mapped, LogError> {
     let began = Instant::now();
     let mut reader = source.open()?;
@@ -92,6 +93,7 @@ pub fn map_log(
             truth.push(StampedPose { stamp, pose: world_from_robot });
         }
         tally.entry(&entry, config);
+        observers.iter_mut().for_each(|observer| observer.on_entry(&entry));
         slam.add(&entry, &mut |report| {
             tally.step(report);
             observers.iter_mut().for_each(|observer| observer.on_step(report));
@@ -103,12 +105,11 @@ pub fn map_log(
     let evaluator_failure = slam.evaluator_failure().map(ToString::to_string);
     let mut result = slam.finish();
     let began = Instant::now();
-    let smoothing = match end {
-        End::Interrupted => Ok(()),
-        _ => smooth(source, &mut result, config),
-    };
+    let smoothes = smoothes && !matches!(end, End::Interrupted);
+    let smoothing = if smoothes { smooth(source, &mut result, config) } else { Ok(()) };
     let smoothing_seconds = began.elapsed().as_secs_f64();
-    observers.iter_mut().for_each(|observer| observer.on_finish(&result));
+    let is_smoothed = smoothes && smoothing.is_ok();
+    observers.iter_mut().for_each(|observer| observer.on_finish(&result, is_smoothed));
     let stats = reader.stats().clone();
     Ok(Mapped { result, truth, stats, tally, end, filter_seconds, smoothing_seconds, smoothing, evaluator_failure })
 }

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 mod backend;
 mod bench;
+mod configuration;
 mod devices;
 mod eval;
 mod interrupt;
@@ -13,9 +14,12 @@ mod mapping;
 mod output;
 mod progress;
 mod recording;
+mod replay;
 mod run;
 mod simulate;
 mod summary;
+mod truth;
+mod view;
 
 const EXIT_CODES: &str = "Exit codes:
   0    all went well
@@ -38,6 +42,10 @@ enum Command {
     #[command(after_help = EXIT_CODES)]
     Run(run::RunArgs),
     #[command(after_help = EXIT_CODES)]
+    Replay(replay::ReplayArgs),
+    #[command(after_help = EXIT_CODES)]
+    View(view::ViewArgs),
+    #[command(after_help = EXIT_CODES)]
     Eval(eval::EvalArgs),
     #[command(after_help = EXIT_CODES)]
     Simulate(simulate::SimulateArgs),
@@ -51,6 +59,8 @@ enum Command {
 pub fn main() -> ExitCode {
     let errors = match Cli::parse().command {
         Command::Run(args) => run::run(&args).unwrap_or_else(|error| vec![error]),
+        Command::Replay(args) => replay::replay(&args).unwrap_or_else(|error| vec![error]),
+        Command::View(args) => view::view(&args).err().into_iter().collect(),
         Command::Eval(args) => eval::eval(&args).err().into_iter().collect(),
         Command::Simulate(args) => simulate::simulate(&args).err().into_iter().collect(),
         Command::Devices(args) => devices::devices(&args).unwrap_or_else(|error| vec![error]),

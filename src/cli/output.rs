@@ -16,8 +16,13 @@ pub struct Outputs {
 }
 
 impl Outputs {
+    /// A folder for what is made of a log: the one that was named, or one of the log's own.
+    pub fn for_log(named: Option<&Path>, log: &str) -> anyhow::Result<Self> {
+        Self::new(named.map_or_else(|| Path::new("ipslam-out").join(log), Path::to_owned))
+    }
+
     /// Makes the folder and tries it, so that a long run does not end without a place for its results.
-    pub fn new(folder: PathBuf) -> anyhow::Result<Self> {
+    fn new(folder: PathBuf) -> anyhow::Result<Self> {
         let remedy = || format!("{}: no folder for outputs; name another one with --out", folder.display());
         std::fs::create_dir_all(&folder).with_context(remedy)?;
         let probe = folder.join(".ipslam-probe");

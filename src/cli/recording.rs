@@ -1,42 +1,67 @@
 //! `--record` and `--connect`: the run for the Rerun viewer, with the feature `record`.
 
-use ipslam::record::Observer;
+use clap::ValueEnum;
+use ipslam::record::{Observer, RunInfo};
 use std::path::PathBuf;
 
 /// Where to record.
 #[derive(Debug, clap::Args)]
 pub struct RecordingArgs {
-    /// Record every step to this file, for the Rerun viewer
+    /// Record every step to this file, for the Rerun viewer and for `ipslam replay`
     #[arg(long, value_name = "FILE.rrd")]
     record: Option<PathBuf>,
+    /// How much of each step is recorded
+    #[arg(long, value_enum, default_value_t)]
+    record_level: RecordLevel,
     /// Show every step in a running Rerun viewer, on this machine where no URL is given
     #[arg(long, value_name = "URL", num_args = 0..=1, require_equals = true)]
     connect: Option<Option<String>>,
 }
 
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+pub enum RecordLevel {
+    /// What repeats the run and shows it, with a sample of the particles
+    #[default]
+    Light,
+    /// All particles, weights and ancestry, and more to look at
+    Full,
+}
+
+#[cfg(feature = "record")]
+impl From<RecordLevel> for ipslam::record::rerun::Level {
+    fn from(level: RecordLevel) -> Self {
+        match level {
+            RecordLevel::Light => Self::Light,
+            RecordLevel::Full => Self::Full,
+        }
+    }
+}
+
 impl RecordingArgs {
-    /// Who has to be told of every step of the run `name`.
+    /// Who has to be told of every step of the run.
     #[cfg(feature = "record")]
-    pub fn observers(&self, name: &str) -> anyhow::Result<Vec<Box<dyn Observer>>> {
+    pub fn observers(&self, info: &RunInfo) -> anyhow::Result<Vec<Box<dyn Observer>>> {
         use ipslam::record::rerun::RerunObserver;
+        let level = self.record_level.into();
         let mut observers: Vec<Box<dyn Observer>> = Vec::new();
         if let Some(path) = &self.record {
-            observers.push(Box::new(RerunObserver::to_file(path, name)?));
+            observers.push(Box::new(RerunObserver::to_file(path, info, level)?));
         }
         if let Some(url) = &self.connect {
-            observers.push(Box::new(RerunObserver::connect(url.as_deref(), name)?));
+            observers.push(Box::new(RerunObserver::connect(url.as_deref(), info, level)?));
         }
         Ok(observers)
     }
 
     /// Without the feature there is nobody to be told.
     #[cfg(not(feature = "record"))]
-    pub fn observers(&self, _name: &str) -> anyhow::Result<Vec<Box<dyn Observer>>> {
-        anyhow::ensure!(
-            self.record.is_none() && self.connect.is_none(),
-            "--record and --connect need the feature `record`, which this program was built without; build it with \
-             `cargo build --release --features record`"
-        );
+    pub fn observers(&self, _info: &RunInfo) -> anyhow::Result<Vec<Box<dyn Observer>>> {
+        anyhow::ensure!(self.record.is_none() && self.connect.is_none(), "--record and --connect need {FEATURE}");
         Ok(Vec::new())
     }
 }
+
+/// What a program lacks that was built without the recorder.
+#[cfg(not(feature = "record"))]
+pub const FEATURE: &str = "the feature `record`, which this program was built without; build it with \
+                           `cargo build --release --features record`";

@@ -1,7 +1,7 @@
 //! The CPU takes over where a device fails.
 
 use super::layout::LocalPose;
-use super::{Evaluator, EvaluatorError, Propagation, Proposal, Scene, cpu};
+use super::{Advance, Evaluator, EvaluatorError, Propagation, Proposal, Scene, Weighed, cpu};
 
 /// An evaluator that may fail, and the CPU from then on.
 #[derive(Debug)]
@@ -29,6 +29,12 @@ impl Failover {
     /// As [`Evaluator::weigh`].
     pub fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Vec<f32> {
         self.preferred(|evaluator| evaluator.weigh(scene, poses)).unwrap_or_else(|| cpu::weigh_all(scene, poses))
+    }
+
+    /// As [`Evaluator::advance`].
+    pub fn advance(&mut self, scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Vec<Weighed> {
+        self.preferred(|evaluator| evaluator.advance(scene, how, poses))
+            .unwrap_or_else(|| cpu::advance_all(scene, how, poses))
     }
 
     /// What the preferred evaluator answers, while there is one.

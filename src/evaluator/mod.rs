@@ -12,6 +12,9 @@
 //! | `draw` | a pose around the top, from the Laplace approximation | |
 //! | `weigh` | the log-likelihood of the scan | 18 |
 //!
+//! `advance` is `propagate` and `weigh` of poses that each start from where they are, as localisation in a known map needs
+//! it by the million.
+//!
 //! `propagate`, `refine` and `draw` together are the optimal proposal of FastSLAM 2.0, approximated: drawn from the
 //! posterior itself, a particle needs no correction for the proposal; its weight is that of eq. 18.
 //!
@@ -130,6 +133,28 @@ pub struct Proposal {
     pub mode: Mode,
 }
 
+/// How poses move that each start from where they are.
+#[derive(Clone, Copy, Debug)]
+pub struct Advance {
+    /// Seed of the random numbers.
+    pub seed: u64,
+    /// Step that they are for.
+    pub step: u32,
+    /// Mean of the motion: forward, sideways \[m\], turn \[rad\].
+    pub motion: [f32; 3],
+    /// Lower triangle whose product with standard normal numbers is its noise, in the robot's frame.
+    pub noise: symmetric::Cholesky,
+}
+
+/// A pose, and how well the scan fits there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Weighed {
+    /// Its heading is not wrapped.
+    pub pose: LocalPose,
+    /// Log-likelihood of the scan (eq. 18).
+    pub log_likelihood: f32,
+}
+
 /// Why an evaluator gave no answer.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -177,6 +202,19 @@ pub trait Evaluator: std::fmt::Debug + Send {
     /// # Errors
     /// As for `propagate`.
     fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError>;
+
+    /// Moves every pose by a motion of its own, drawn from `how` (eq. 17), and tells the log-likelihood of the scan from
+    /// there among thick walls, which few particles find sooner than walls as they are. All poses are of the scene's first
+    /// map. Neighbours in `poses` should lie close together: they share candidate lists.
+    ///
+    /// # Errors
+    /// As for `propagate`.
+    fn advance(
+        &mut self,
+        scene: &Scene<'_>,
+        how: &Advance,
+        poses: &[LocalPose],
+    ) -> Result<Vec<Weighed>, EvaluatorError>;
 }
 
 /// Longest step of one iteration \[m, m, rad\]: a quadratic is trusted no further.

@@ -210,7 +210,7 @@ pub fn instructions() -> String {
 mod tests {
     use super::*;
     use crate::evaluator::cpu::CpuEvaluator;
-    use crate::evaluator::{Propagation, Proposal};
+    use crate::evaluator::{Advance, Propagation, Proposal, Weighed};
 
     /// The CPU, but for the first weight.
     #[derive(Debug)]
@@ -225,6 +225,10 @@ mod tests {
             let mut weighed = CpuEvaluator.weigh(scene, poses)?;
             weighed[0] += self.0;
             Ok(weighed)
+        }
+
+        fn advance(&mut self, _: &Scene<'_>, _: &Advance, _: &[LocalPose]) -> Result<Vec<Weighed>, EvaluatorError> {
+            Ok(Vec::new())
         }
     }
 

@@ -1,12 +1,26 @@
 //! What leaves the loop: every step is reported to observers, which record, draw or write, and never steer.
 
+use crate::config::Config;
 use crate::geometry::{Pose, StampedPose};
+use crate::io::LogEntry;
 use crate::ppca::Cluster;
 use crate::scan::Scan;
+use crc32fast::Hasher;
 use serde::Serialize;
 
 #[cfg(feature = "record")]
 pub mod rerun;
+
+/// What a run starts with: with the entries of its log, all that it takes to run it again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunInfo {
+    /// Name of the log.
+    pub log: String,
+    /// What evaluates the particles, in the words of its driver.
+    pub device: String,
+    /// Everything that was set.
+    pub config: Config,
+}
 
 /// One pose particle as it is reported.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,8 +71,25 @@ pub struct StepReport<'a> {
     pub effective_sample_size: f64,
     /// Whether this step resampled.
     pub resampled: bool,
+    /// For each map that is left, the number of the one that it was before; that of itself where none was resampled.
+    pub parents: &'a [u32],
     /// Where the time went.
     pub times: StageTimes,
+}
+
+impl StepReport<'_> {
+    /// A number that changes with any bit of the particles, their weights, their ancestry or the best map.
+    pub fn checksum(&self) -> u32 {
+        let mut bits = Bits::default();
+        for particle in self.particles {
+            bits.pose(particle.world_from_robot);
+            bits.add([particle.weight]);
+        }
+        bits.add(self.parents.iter().map(|&parent| f64::from(parent)));
+        bits.pose(self.world_from_robot);
+        bits.map(self.map);
+        bits.0.finalize()
+    }
 }
 
 /// What a finished run found.
@@ -72,13 +103,50 @@ pub struct RunResult {
     pub odometry: Vec<StampedPose>,
 }
 
+impl RunResult {
+    /// A number that changes with any bit of the map or the trajectory.
+    pub fn checksum(&self) -> u32 {
+        let mut bits = Bits::default();
+        bits.map(&self.map);
+        for StampedPose { stamp, pose } in &self.trajectory {
+            bits.add([*stamp]);
+            bits.pose(*pose);
+        }
+        bits.0.finalize()
+    }
+}
+
+/// The bits of numbers, summed up.
+#[derive(Default)]
+struct Bits(Hasher);
+
+impl Bits {
+    fn add(&mut self, numbers: impl IntoIterator<Item = f64>) {
+        numbers.into_iter().for_each(|number| self.0.update(&number.to_le_bytes()));
+    }
+
+    fn pose(&mut self, Pose { x, y, heading }: Pose) {
+        self.add([x, y, heading]);
+    }
+
+    fn map(&mut self, map: &[Cluster]) {
+        for Cluster { mean, direction, along_variance, across_variance, count } in map {
+            self.add([mean.x, mean.y, direction.x, direction.y, *along_variance, *across_variance, *count]);
+        }
+    }
+}
+
 /// Somebody who is told of every step. Errors are the observer's own to report: they never stop a run.
 pub trait Observer {
+    /// The next entry of the log, before the step that it may lead to.
+    fn on_entry(&mut self, entry: &LogEntry);
+
     /// A step was done.
     fn on_step(&mut self, report: &StepReport<'_>);
 
-    /// The run is over; nothing follows.
-    fn on_finish(&mut self, result: &RunResult);
+    /// The run is over; nothing follows. `is_smoothed` tells whether the result is what [`smooth`](crate::smoothing::smooth)
+    /// made of the whole log.
+    fn on_finish(&mut self, result: &RunResult, is_smoothed: bool);
 
     /// What kept it from doing its work, if anything did.
     fn failure(&self) -> Option<&str>;

@@ -3,7 +3,7 @@
 use ipslam::config::Config;
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::layout::LocalPose;
-use ipslam::evaluator::{Evaluator, EvaluatorError, Propagation, Proposal, Scene};
+use ipslam::evaluator::{Advance, Evaluator, EvaluatorError, Propagation, Proposal, Scene, Weighed};
 use ipslam::io::LogSource;
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
@@ -29,6 +29,16 @@ impl Evaluator for Dying {
     fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
         self.breathe()?;
         CpuEvaluator.weigh(scene, poses)
+    }
+
+    fn advance(
+        &mut self,
+        scene: &Scene<'_>,
+        how: &Advance,
+        poses: &[LocalPose],
+    ) -> Result<Vec<Weighed>, EvaluatorError> {
+        self.breathe()?;
+        CpuEvaluator.advance(scene, how, poses)
     }
 }
 

@@ -11,7 +11,7 @@ use ipslam::evaluator::gpu::shaders::Together;
 use ipslam::evaluator::layout::LocalPose;
 use ipslam::evaluator::symmetric::{Cholesky, unpacked};
 use ipslam::evaluator::table::ClusterTable;
-use ipslam::evaluator::{Evaluator, Propagation, Proposal, Scene, Start};
+use ipslam::evaluator::{Advance, Evaluator, Propagation, Proposal, Scene, Start};
 use ipslam::geometry::{Pose, StampedPose, wrap_angle};
 use ipslam::io::{LogEntry, LogSource};
 use ipslam::map::{MapCluster, Pool};
@@ -155,6 +155,54 @@ pub fn compare_weighed(evaluator: &mut dyn Evaluator) -> Found {
 pub fn scans_are_weighed_alike(adapter: &Adapter) {
     for mut gpu in both_ways(adapter) {
         compare_weighed(&mut gpu).report(["GPU and CPU", "GPU and f64", "CPU and f64"]);
+    }
+}
+
+/// A motion, and noise of centimetres.
+fn onward() -> Advance {
+    Advance {
+        seed: 0x0fed_cba9_8765_4321,
+        step: 23,
+        motion: [0.3, -0.05, 0.2],
+        noise: Cholesky([0.03, 0.005, 0.02, 0.002, -0.003, 0.02]),
+    }
+}
+
+pub fn compare_advanced(evaluator: &mut dyn Evaluator) -> Found {
+    let mut found = Found::default();
+    let how = onward();
+    for world in all() {
+        let poses = world.local_poses();
+        let gpu = evaluator.advance(&world.scene(), &how, &poses).unwrap();
+        let cpu = CpuEvaluator.advance(&world.scene(), &how, &poses).unwrap();
+        assert_eq!((gpu.len(), cpu.len()), (poses.len(), poses.len()));
+        let points = world.points.len().max(1) as f64;
+        let drawn = Propagation { seed: how.seed, step: how.step, noise: how.noise, ..self::how(&[], 0, 0) };
+        for (particle, (gpu, cpu)) in (0..).zip(gpu.iter().zip(&cpu)) {
+            let mean = poses[particle as usize].in_world(world.table.anchor());
+            let [forward, sideways, turn] = how.motion.map(f64::from);
+            let slow_pose = slow_propagate(&drawn, particle, mean * Pose::new(forward, sideways, turn));
+            let what = |pair: &'static str| {
+                let name = &world.name;
+                move || format!("{name}, particle {particle}, {pair}")
+            };
+            for (weighed, pair) in [(gpu, "GPU and f64"), (cpu, "CPU and f64")] {
+                let pose = weighed.pose.in_world(world.table.anchor());
+                found.compare(0, apart(pose, slow_pose), POSE, what(pair));
+                let slow = slow(&world.clusters, pose, &world.points, &world.config.capturing());
+                let off = (f64::from(weighed.log_likelihood) - slow).abs() / points;
+                found.compare(1, off, WEIGH, what(pair));
+            }
+            let off = f64::from(gpu.log_likelihood - cpu.log_likelihood).abs() / points;
+            found.compare(2, off, WEIGH, what("GPU and CPU"));
+        }
+    }
+    found
+}
+
+pub fn poses_advance_alike(adapter: &Adapter) {
+    for mut gpu in both_ways(adapter) {
+        compare_advanced(&mut gpu).report(["poses, to f64", "log-likelihoods, to f64", "log-likelihoods"]);
     }
 }
 

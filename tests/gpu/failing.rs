@@ -1,7 +1,7 @@
 //! What has to fail: comparisons when a kernel is wrong, and calls when a device is gone.
 
 use crate::consistency::{
-    Found, compare_draws, compare_lists, compare_propagated, compare_refined, compare_weighed, how,
+    Found, compare_advanced, compare_draws, compare_lists, compare_propagated, compare_refined, compare_weighed, how,
 };
 use crate::worlds::{configs, random};
 use ipslam::evaluator::cpu::CpuEvaluator;
@@ -21,7 +21,7 @@ struct Wrong {
     seen_by: fn(&mut GpuEvaluator) -> Found,
 }
 
-const WRONG: [Wrong; 12] = [
+const WRONG: [Wrong; 13] = [
     Wrong {
         kernel: Kernel::Propagate,
         what: "another multiplier of the random numbers",
@@ -35,6 +35,13 @@ const WRONG: [Wrong; 12] = [
         from: "pose.x + turn.y * motion.x - turn.x * motion.y",
         to: "pose.x + turn.y * motion.x + turn.x * motion.y",
         seen_by: |gpu| compare_propagated(gpu),
+    },
+    Wrong {
+        kernel: Kernel::Propagate,
+        what: "a motion that starts from nowhere",
+        from: "mean = moved(poses[particle].xyz, group.mean)",
+        to: "mean = moved(vec3f(), group.mean)",
+        seen_by: |gpu| compare_advanced(gpu),
     },
     Wrong {
         kernel: Kernel::Weigh,

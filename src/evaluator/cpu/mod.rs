@@ -4,7 +4,7 @@ use super::cull::{Candidates, LocalMap};
 use super::grouping::{ParticleGroup, by_place, in_order};
 use super::layout::{ClusterParams, LocalPose};
 use super::symmetric::Cholesky;
-use super::{Evaluator, EvaluatorError, Mode, Prior, Propagation, Proposal, Scene};
+use super::{Advance, Evaluator, EvaluatorError, Mode, Prior, Propagation, Proposal, Scene, Weighed};
 use crate::map::Slot;
 use crate::random::{Draw, normals};
 use rayon::prelude::*;
@@ -31,6 +31,15 @@ impl Evaluator for CpuEvaluator {
 
     fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
         Ok(weigh_all(scene, poses))
+    }
+
+    fn advance(
+        &mut self,
+        scene: &Scene<'_>,
+        how: &Advance,
+        poses: &[LocalPose],
+    ) -> Result<Vec<Weighed>, EvaluatorError> {
+        Ok(advance_all(scene, how, poses))
     }
 }
 
@@ -71,6 +80,22 @@ pub fn weigh_all(scene: &Scene<'_>, poses: &[LocalPose]) -> Vec<f32> {
         }
     }
     log_likelihoods
+}
+
+/// As [`Evaluator::advance`].
+pub fn advance_all(scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Vec<Weighed> {
+    let map = local_map(scene, scene.maps.first().map_or(&[], Vec::as_slice), scene.table.coarse());
+    let advance = |(group, poses): (usize, &[LocalPose])| {
+        let moved = |(particle, pose): (u32, &LocalPose)| {
+            let [x, y, heading, _] = normals(how.seed, how.step, particle, Draw::Motion);
+            pose.moved(how.motion).moved(how.noise.times([x, y, heading]))
+        };
+        let poses: Vec<LocalPose> = ((group * WEIGHED) as u32..).zip(poses).map(moved).collect();
+        let log_likelihoods = weigh(&map, scene, &poses);
+        let weighed = |(pose, log_likelihood)| Weighed { pose, log_likelihood };
+        poses.into_iter().zip(log_likelihoods).map(weighed).collect::<Vec<_>>()
+    };
+    poses.par_chunks(WEIGHED).enumerate().flat_map_iter(advance).collect()
 }
 
 fn local_map(scene: &Scene<'_>, slots: &[Slot], rows: &[ClusterParams]) -> LocalMap {

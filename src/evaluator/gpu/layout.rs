@@ -1,6 +1,7 @@
 //! What the host and the kernels share: the structs of `shaders/shared/layout.wgsl`, field by field.
 
-use crate::evaluator::Propagation;
+use crate::evaluator::{Advance, Propagation};
+use crate::random::Draw;
 use bytemuck::{Pod, Zeroable};
 
 /// Particles of one map that lie close together, one workgroup's work.
@@ -15,7 +16,7 @@ pub struct Group {
     pub first_slot: u32,
     /// How many slots.
     pub slot_count: u32,
-    /// Mean of the motion.
+    /// Where the motion leads on average; the motion itself where particles start from their own poses.
     pub mean: [f32; 3],
     /// 1 where the first starts at the mean itself.
     pub exact_first: u32,
@@ -75,14 +76,28 @@ pub struct Job {
     pub tile_count: u32,
     /// ln of the density of a point that no cluster explains.
     pub log_outlier: f32,
+    /// 1: particles start from where they are, and the mean of their group is a motion.
+    pub from_own_pose: u32,
     /// WGSL rounds the size up to the alignment.
-    pub end_padding: [u32; 2],
+    pub end_padding: u32,
 }
 
 impl Job {
     /// A job of looking alone.
     pub fn look(tile_count: usize, log_outlier: f32) -> Self {
         Self { tile_count: tile_count as u32, log_outlier, ..Self::zeroed() }
+    }
+
+    /// A job of moving poses and looking from there.
+    pub fn advance(how: &Advance, tile_count: usize, log_outlier: f32) -> Self {
+        Self {
+            seed: [how.seed as u32, (how.seed >> 32) as u32],
+            step: how.step,
+            draw: Draw::Motion as u32,
+            noise: padded(how.noise.0),
+            from_own_pose: 1,
+            ..Self::look(tile_count, log_outlier)
+        }
     }
 
     /// A job of drawing particles.

@@ -10,7 +10,7 @@
 use super::grouping::{ParticleGroup, by_place, in_order};
 use super::layout::{ClusterParams, LocalPose};
 use super::table::{Changed, ClusterTable, Revision};
-use super::{Evaluator, EvaluatorError, Mode, Propagation, Proposal, SLACK, Scene};
+use super::{Advance, Evaluator, EvaluatorError, Mode, Propagation, Proposal, SLACK, Scene, Weighed};
 use crate::map::Slot;
 use buffers::Buffers;
 use device::{Adapter, Opened};
@@ -75,6 +75,8 @@ enum Particles<'a> {
     Drawn(&'a Propagation<'a>),
     /// They are here.
     At(&'a [LocalPose]),
+    /// They are here, and move.
+    Moving(&'a [LocalPose], &'a Advance),
 }
 
 impl GpuEvaluator {
@@ -213,7 +215,7 @@ impl GpuEvaluator {
         buffers.candidates.hold(opened, (groups.len() * list_bytes(scene.tiles.len())) as u64)?;
         buffers.bounds.hold(opened, (groups.len() * size_of::<GroupBounds>()) as u64)?;
         buffers.poses.hold(opened, (count * size_of::<[f32; 4]>()) as u64)?;
-        if let Particles::At(poses) = particles {
+        if let Particles::At(poses) | Particles::Moving(poses, _) = particles {
             let of_groups = groups.iter().flat_map(|group| &group.particles).map(|&particle| poses[particle as usize]);
             let poses: Vec<[f32; 4]> = of_groups.map(|pose| [pose.x, pose.y, pose.heading, f32::NAN]).collect();
             buffers.poses.write(opened, 0, &poses);
@@ -284,6 +286,33 @@ impl Evaluator for GpuEvaluator {
         }
         Ok(log_likelihoods)
     }
+
+    fn advance(
+        &mut self,
+        scene: &Scene<'_>,
+        how: &Advance,
+        poses: &[LocalPose],
+    ) -> Result<Vec<Weighed>, EvaluatorError> {
+        self.upload_table(scene.table)?;
+        let job = Job::advance(how, scene.tiles.len(), scene.table.log_outlier());
+        let dispatches = [Kernel::Propagate, Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch {
+            kernel,
+            clusters: Clusters::Coarse,
+            phase: PhaseOfClimb::Only,
+        });
+        let groups = in_order(1, poses.len(), GROUP);
+        let mut all = Vec::with_capacity(poses.len());
+        for groups in groups.chunks(self.groups_at_once(scene)) {
+            let (weighed, _) = self.submit(scene, &job, Particles::Moving(poses, how), groups, &dispatches)?;
+            all.extend(
+                weighed.into_iter().map(|[x, y, heading, log_likelihood]| Weighed {
+                    pose: LocalPose { x, y, heading },
+                    log_likelihood,
+                }),
+            );
+        }
+        Ok(all)
+    }
 }
 
 /// The kernels of a climb of at most so many steps: a look before each and one after the last.
@@ -312,11 +341,15 @@ fn group_rows(scene: &Scene<'_>, particles: Particles<'_>, groups: &[ParticleGro
         let number = group.particles.first().copied().unwrap_or(0);
         let first_slot = slots.len() as u32 - slot_count;
         let mut row = Group { first, count, first_slot, slot_count, number, ..bytemuck::Zeroable::zeroed() };
-        if let Particles::Drawn(how) = particles {
-            let start = how.starts[group.map];
-            row.mean = [start.mean.x, start.mean.y, start.mean.heading];
-            row.prior = [start.prior.x, start.prior.y, start.prior.heading];
-            row.exact_first = u32::from(how.exact_first && number as usize == group.map * how.particles_a_map);
+        match particles {
+            Particles::Drawn(how) => {
+                let start = how.starts[group.map];
+                row.mean = [start.mean.x, start.mean.y, start.mean.heading];
+                row.prior = [start.prior.x, start.prior.y, start.prior.heading];
+                row.exact_first = u32::from(how.exact_first && number as usize == group.map * how.particles_a_map);
+            }
+            Particles::Moving(_, how) => row.mean = how.motion,
+            Particles::At(_) => {}
         }
         rows.push(row);
         first += count;

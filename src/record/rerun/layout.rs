@@ -13,6 +13,16 @@
 //! | [`EFFECTIVE_SAMPLE_SIZE`], [`RESAMPLED`] | 1 / Σ w², and the same where the step resampled | every step |
 //! | [`CLUSTERS`] | clusters in the map | every step |
 //! | [`SECONDS`] | seconds by stage, in the order of [`STAGES`] | every step |
+//! | [`ABOUT`] | TOML: program, version, log, device, configuration with its seed | at the start |
+//! | [`LASER`] | x, y, heading and stamp of odometry, mounting x, y, heading, angle of the first beam and from one to the next, maximum range, all ranges | every reading |
+//! | [`ODOMETRY_READING`], [`TRUTH`] | x, y, heading, stamp | every reading |
+//! | [`POSE`] | x, y and heading of the best particle, as f64 | every step |
+//! | [`CHECKSUM`] | that of the step | every step |
+//! | [`ALL_PARTICLES`] | x, y, heading and weight of every particle, as f64 | every step, if in full |
+//! | [`PARENTS`] | for each map the number of the one that it was before the step | every step, if in full |
+//! | [`RESULT`] | checksum of the result, and 1 where it was smoothed | at the end |
+//!
+//! Where two runs stand side by side, the paths of each lie under a root of its own: [`RECORDED`], [`REPLAYED`].
 //!
 //! Everything under [`WORLD`] is in the world's frame in metres, and odometry is moved as a whole so that it starts at
 //! the robot's first pose. What is under [`STEP`] is cleared at the end of the run.
@@ -22,8 +32,8 @@
 
 use ::rerun::blueprint::components::PanelState;
 use ::rerun::blueprint::{
-    Blueprint, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView, TimePanel, TimeSeriesView,
-    Vertical,
+    Blueprint, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView, Tabs, TextDocumentView,
+    TimePanel, TimeSeriesView, Vertical,
 };
 use ::rerun::components::Radius;
 use ::rerun::{
@@ -35,6 +45,32 @@ use ::rerun::{
 pub const STEP_TIMELINE: &str = "step";
 /// Timeline: seconds since the first step's stamp.
 pub const TIME_TIMELINE: &str = "time";
+/// Timeline of the log: its entries from 0.
+pub const ENTRY_TIMELINE: &str = "entry";
+
+/// What the run was started with.
+pub const ABOUT: &str = "run/about";
+/// Laser readings, as they came.
+pub const LASER: &str = "run/log/laser";
+/// Odometry, as it came.
+pub const ODOMETRY_READING: &str = "run/log/odometry";
+/// True poses that the log tells.
+pub const TRUTH: &str = "run/log/truth";
+/// Pose of the best particle.
+pub const POSE: &str = "run/step/pose";
+/// [`StepReport::checksum`](crate::record::StepReport::checksum).
+pub const CHECKSUM: &str = "run/step/checksum";
+/// Every particle.
+pub const ALL_PARTICLES: &str = "run/step/particles";
+/// Ancestry.
+pub const PARENTS: &str = "run/step/parents";
+/// [`RunResult::checksum`](crate::record::RunResult::checksum).
+pub const RESULT: &str = "run/result";
+
+/// Root of a recorded run beside its replay.
+pub const RECORDED: &str = "recorded";
+/// Root of the replay.
+pub const REPLAYED: &str = "replayed";
 
 /// Everything in the world's frame.
 pub const WORLD: &str = "world";
@@ -86,26 +122,35 @@ const ELLIPSE: [u8; 3] = [130, 50, 46];
 const PATH: [u8; 3] = [245, 245, 245];
 const DRIFT: [u8; 3] = [214, 140, 40];
 
-/// Logs the styles and the direction of y, once for the whole recording.
-pub(super) fn log_styles(stream: &RecordingStream) -> RecordingStreamResult<()> {
-    stream.log_static(WORLD, &Transform3D::from_scale([1.0, -1.0, 1.0]))?;
-    stream.log_static(SCAN_POINTS, &points(1.5, 31.0).with_colors([colour(POINT)]))?;
-    stream.log_static(SCAN_CLUSTERS, &lines(SCAN, 2.0, 30.0))?;
-    stream.log_static(PARTICLES, &points(2.0, 50.0))?;
-    let robot = Arrows2D::update_fields().with_colors([colour(PATH)]).with_radii([Radius::new_ui_points(2.5)]);
-    stream.log_static(ROBOT, &robot.with_draw_order(40.0))?;
-    stream.log_static(MAP_CLUSTERS, &lines(MAP, 1.2, 20.0))?;
-    stream.log_static(MAP_ELLIPSES, &lines(ELLIPSE, 0.5, 10.0))?;
-    log_trajectory_style(stream, TRAJECTORY)?;
-    log_odometry_style(stream, ODOMETRY)?;
+/// The entity of a path of this module in a run whose paths lie under `root`; empty where there is one run alone.
+pub(super) fn under(root: &str, path: &str) -> String {
+    if root.is_empty() { path.to_owned() } else { format!("{root}/{path}") }
+}
 
-    let line = |name: &str, rgb| SeriesLines::new().with_names([name]).with_colors([colour(rgb)]).with_widths([1.5]);
-    stream.log_static(EFFECTIVE_SAMPLE_SIZE, &line("effective sample size", SCAN))?;
-    let resampled = SeriesPoints::new().with_names(["resampled"]).with_colors([colour(DRIFT)]);
-    stream.log_static(RESAMPLED, &resampled.with_marker_sizes([2.5]))?;
-    stream.log_static(CLUSTERS, &line("clusters in the map", MAP))?;
+/// Logs the styles and the direction of y, once for the whole run.
+pub(super) fn log_styles(stream: &RecordingStream, root: &str) -> RecordingStreamResult<()> {
+    let at = |path| under(root, path);
+    stream.log_static(at(WORLD), &Transform3D::from_scale([1.0, -1.0, 1.0]))?;
+    stream.log_static(at(SCAN_POINTS), &points(1.5, 31.0).with_colors([colour(POINT)]))?;
+    stream.log_static(at(SCAN_CLUSTERS), &lines(SCAN, 2.0, 30.0))?;
+    stream.log_static(at(PARTICLES), &points(2.0, 50.0))?;
+    let robot = Arrows2D::update_fields().with_colors([colour(PATH)]).with_radii([Radius::new_ui_points(2.5)]);
+    stream.log_static(at(ROBOT), &robot.with_draw_order(40.0))?;
+    stream.log_static(at(MAP_CLUSTERS), &lines(MAP, 1.2, 20.0))?;
+    stream.log_static(at(MAP_ELLIPSES), &lines(ELLIPSE, 0.5, 10.0))?;
+    log_trajectory_style(stream, &at(TRAJECTORY))?;
+    log_odometry_style(stream, &at(ODOMETRY))?;
+
+    // Two runs share a plot: the names tell which is which.
+    let named = |name: &str| if root.is_empty() { name.to_owned() } else { format!("{root}: {name}") };
+    let (size, clusters) = if root == RECORDED { (PATH, DRIFT) } else { (SCAN, MAP) };
+    let line = |name, rgb| SeriesLines::new().with_names([named(name)]).with_colors([colour(rgb)]).with_widths([1.5]);
+    stream.log_static(at(EFFECTIVE_SAMPLE_SIZE), &line("effective sample size", size))?;
+    let resampled = SeriesPoints::new().with_names([named("resampled")]).with_colors([colour(DRIFT)]);
+    stream.log_static(at(RESAMPLED), &resampled.with_marker_sizes([2.5]))?;
+    stream.log_static(at(CLUSTERS), &line("clusters in the map", clusters))?;
     let stages = SeriesLines::new().with_names(STAGES.map(|stage| stage.0));
-    stream.log_static(SECONDS, &stages.with_colors(STAGES.map(|stage| colour(stage.1))))
+    stream.log_static(at(SECONDS), &stages.with_colors(STAGES.map(|stage| colour(stage.1))))
 }
 
 /// Logs how a path of the best particle looks.
@@ -120,20 +165,45 @@ pub(super) fn log_odometry_style(stream: &RecordingStream, path: &str) -> Record
 
 /// The map, large, and the three plots beside it.
 pub(super) fn blueprint() -> Blueprint {
-    // The title is the legend: a 2-D view has no other.
-    let map =
-        Spatial2DView::new("map red · scan blue · trajectory white · odometry orange · particles yellow = likely")
-            .with_origin("/")
-            .with_contents([format!("{WORLD}/**")]);
-    let plot = |name: &str, path: &str| -> ContainerLike { TimeSeriesView::new(name).with_origin(path).into() };
     let plots = Vertical::new([
-        plot("Effective sample size", "plots/particles"),
-        plot("Clusters in the map", CLUSTERS),
-        plot("Seconds a step", SECONDS),
+        plot("Effective sample size", ["plots/particles/**".to_owned()]),
+        plot("Clusters in the map", [CLUSTERS.to_owned()]),
+        plot("Seconds a step", [SECONDS.to_owned()]),
     ])
     // The last plot has the longest legend.
     .with_row_shares([1.0, 1.0, 1.4]);
-    Blueprint::new(Horizontal::new([map.into(), plots.into()]).with_column_shares([2.0, 1.0]))
+    let about = TextDocumentView::new("Configuration").with_origin(ABOUT);
+    let beside = Tabs::new([plots.into(), about.into()]);
+    whole(Horizontal::new([map_view(LEGEND, "").into(), beside.into()]).with_column_shares([2.0, 1.0]).into())
+}
+
+/// A recorded run and its replay: two maps side by side, and plots that show both.
+pub(super) fn comparison_blueprint() -> Blueprint {
+    let roots = [RECORDED, REPLAYED];
+    let maps = roots.map(|root| map_view(&format!("{root}: {LEGEND}"), root).into());
+    let both = |path: &str| roots.map(|root| under(root, path));
+    let plots = Horizontal::new([
+        plot("Effective sample size", both("plots/particles/**")),
+        plot("Clusters in the map", both(CLUSTERS)),
+        plot("Seconds a step, recorded", [under(RECORDED, SECONDS)]),
+        plot("Seconds a step, replayed", [under(REPLAYED, SECONDS)]),
+    ]);
+    whole(Vertical::new([Horizontal::new(maps).into(), plots.into()]).with_row_shares([2.2, 1.0]).into())
+}
+
+/// The title is the legend: a 2-D view has no other.
+const LEGEND: &str = "map red · scan blue · trajectory white · odometry orange · particles yellow = likely";
+
+fn map_view(title: &str, root: &str) -> Spatial2DView {
+    Spatial2DView::new(title).with_origin(format!("/{root}")).with_contents([format!("{}/**", under(root, WORLD))])
+}
+
+fn plot<const N: usize>(name: &str, contents: [String; N]) -> ContainerLike {
+    TimeSeriesView::new(name).with_origin("/").with_contents(contents).into()
+}
+
+fn whole(views: ContainerLike) -> Blueprint {
+    Blueprint::new(views)
         .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
         .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
         .with_time_panel(TimePanel::new().with_state(PanelState::Collapsed).with_timeline(STEP_TIMELINE))

@@ -1,16 +1,23 @@
-//! Steps and results as entities of a recording.
+//! Entries of the log, steps and results as entities of a recording.
 
-use super::layout;
+use super::{Level, layout};
 use crate::geometry::{Pose, StampedPose};
+use crate::io::{LaserReading, LogEntry};
 use crate::ppca::Cluster;
-use crate::record::{ReportedParticle, RunResult, StageTimes, StepReport};
+use crate::record::{ReportedParticle, RunInfo, RunResult, StageTimes, StepReport};
 use ::rerun::archetypes::Clear;
-use ::rerun::{Arrows2D, LineStrips2D, Points2D, RecordingStream, RecordingStreamResult, Scalars};
+use ::rerun::{
+    Arrows2D, LineStrips2D, Points2D, RecordingStream, RecordingStreamResult, Scalars, TextDocument, TimeColumn,
+};
 use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
+use std::time::{Duration, Instant};
 
 /// Of more particles than this, so many are shown, evenly spread over their order.
 const MOST_PARTICLES: usize = 2000;
+/// The same where the recording is light.
+const MOST_PARTICLES_IF_LIGHT: usize = 250;
 /// Poses in a piece of a trail. A step logs the last piece anew, so its cost does not grow with the run.
 const TRAIL_PIECE: usize = 64;
 /// Ellipses take several times the room of the clusters, so they follow every so many steps.
@@ -19,10 +26,29 @@ const ELLIPSES_EVERY: u32 = 10;
 const ELLIPSE_CORNERS: u32 = 16;
 /// Length of the robot's arrow \[m\].
 const ARROW: f64 = 1.0;
+/// Entries of the log are sent together, and never later than this.
+const ENTRIES_EVERY: Duration = Duration::from_millis(300);
+
+/// [`layout::ABOUT`] as TOML.
+#[derive(Serialize, Deserialize)]
+pub(super) struct About {
+    /// Version of the program.
+    pub version: String,
+    /// Name of the log.
+    pub log: String,
+    /// What evaluated the particles.
+    pub device: String,
+    /// Everything that was set.
+    pub configuration: crate::config::Config,
+}
 
 /// What is remembered from step to step.
 pub(super) struct Recorder {
     stream: RecordingStream,
+    /// What all paths lie under.
+    root: &'static str,
+    level: Level,
+    entries: Entries,
     step: u32,
     first_stamp: Option<f64>,
     /// On the timeline of time \[s\].
@@ -34,17 +60,37 @@ pub(super) struct Recorder {
 }
 
 impl Recorder {
-    pub(super) fn new(stream: RecordingStream) -> Self {
-        Self {
+    /// Logs what does not change.
+    pub(super) fn new(
+        stream: RecordingStream,
+        root: &'static str,
+        level: Level,
+        info: &RunInfo,
+    ) -> RecordingStreamResult<Self> {
+        layout::log_styles(&stream, root)?;
+        let about = About {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            log: info.log.clone(),
+            device: info.device.clone(),
+            configuration: info.config,
+        };
+        // A configuration that was found valid can be written.
+        let text = toml::to_string(&about).unwrap_or_default();
+        stream.log_static(layout::under(root, layout::ABOUT), &TextDocument::new(text))?;
+        let trail = |path, log_style| Trail::new(layout::under(root, path), log_style);
+        Ok(Self {
+            trajectory: trail(layout::TRAIL, layout::log_trajectory_style),
+            odometry: trail(layout::ODOMETRY_TRAIL, layout::log_odometry_style),
             stream,
+            root,
+            level,
+            entries: Entries::new(),
             step: 0,
             first_stamp: None,
             time: 0.0,
             world_from_odom: None,
-            trajectory: Trail::new(layout::TRAIL, layout::log_trajectory_style),
-            odometry: Trail::new(layout::ODOMETRY_TRAIL, layout::log_odometry_style),
             map: Vec::new(),
-        }
+        })
     }
 
     pub(super) fn stream(&self) -> &RecordingStream {
@@ -56,51 +102,80 @@ impl Recorder {
         self.step
     }
 
+    fn path(&self, path: &str) -> String {
+        layout::under(self.root, path)
+    }
+
+    pub(super) fn log_entry(&mut self, entry: &LogEntry) -> RecordingStreamResult<()> {
+        self.entries.push(entry);
+        if self.entries.sent.elapsed() > ENTRIES_EVERY { self.entries.send(&self.stream, self.root) } else { Ok(()) }
+    }
+
     pub(super) fn log_step(&mut self, report: &StepReport<'_>) -> RecordingStreamResult<()> {
         self.set_time(report.step, report.stamp);
         let pose = report.world_from_robot;
         let world_from_odom = *self.world_from_odom.get_or_insert(pose * report.odom_from_robot.inverse());
         let stream = &self.stream;
-        stream
-            .log(layout::SCAN_POINTS, &Points2D::new(report.scan.points.iter().map(|&point| position(pose * point))))?;
-        let scan_clusters: Vec<_> = report.scan_clusters.iter().map(|cluster| cluster.transformed(pose)).collect();
-        stream.log(layout::SCAN_CLUSTERS, &ends(&scan_clusters))?;
-        stream.log(layout::PARTICLES, &particles(report.particles))?;
-        stream.log(layout::ROBOT, &arrow(pose))?;
+        let points = report.scan.points.iter().map(|&point| position(pose * point));
+        stream.log(self.path(layout::SCAN_POINTS), &Points2D::new(points))?;
+        stream.log(self.path(layout::PARTICLES), &self.particles(report.particles))?;
+        stream.log(self.path(layout::ROBOT), &arrow(pose))?;
         self.trajectory.push(stream, pose)?;
         self.odometry.push(stream, world_from_odom * report.odom_from_robot)?;
         if self.map != report.map {
             self.map = report.map.to_vec();
-            stream.log(layout::MAP_CLUSTERS, &ends(&self.map))?;
+            stream.log(self.path(layout::MAP_CLUSTERS), &ends(&self.map))?;
         }
-        if report.step.is_multiple_of(ELLIPSES_EVERY) {
-            stream.log(layout::MAP_ELLIPSES, &ellipses(&self.map))?;
+        stream.log(self.path(layout::POSE), &Scalars::new([pose.x, pose.y, pose.heading]))?;
+        stream.log(self.path(layout::CHECKSUM), &Scalars::new([f64::from(report.checksum())]))?;
+        if self.level == Level::Full {
+            self.log_in_full(report)?;
         }
 
         let size = Scalars::new([report.effective_sample_size]);
-        stream.log(layout::EFFECTIVE_SAMPLE_SIZE, &size)?;
+        stream.log(self.path(layout::EFFECTIVE_SAMPLE_SIZE), &size)?;
         if report.resampled {
-            stream.log(layout::RESAMPLED, &size)?;
+            stream.log(self.path(layout::RESAMPLED), &size)?;
         }
-        stream.log(layout::CLUSTERS, &Scalars::new([report.map.len() as f64]))?;
-        stream.log(layout::SECONDS, &Scalars::new(seconds(&report.times)))
+        stream.log(self.path(layout::CLUSTERS), &Scalars::new([report.map.len() as f64]))?;
+        stream.log(self.path(layout::SECONDS), &Scalars::new(seconds(&report.times)))
+    }
+
+    fn log_in_full(&self, report: &StepReport<'_>) -> RecordingStreamResult<()> {
+        let stream = &self.stream;
+        let pose = report.world_from_robot;
+        let scan_clusters: Vec<_> = report.scan_clusters.iter().map(|cluster| cluster.transformed(pose)).collect();
+        stream.log(self.path(layout::SCAN_CLUSTERS), &ends(&scan_clusters))?;
+        if report.step.is_multiple_of(ELLIPSES_EVERY) {
+            stream.log(self.path(layout::MAP_ELLIPSES), &ellipses(&self.map))?;
+        }
+        let particles = report
+            .particles
+            .iter()
+            .flat_map(|ReportedParticle { world_from_robot: pose, weight }| [pose.x, pose.y, pose.heading, *weight]);
+        stream.log(self.path(layout::ALL_PARTICLES), &Scalars::new(particles))?;
+        let parents = report.parents.iter().map(|&parent| f64::from(parent));
+        stream.log(self.path(layout::PARENTS), &Scalars::new(parents))
     }
 
     /// Logs the result as one more step, which shows nothing else.
-    pub(super) fn log_result(&mut self, result: &RunResult) -> RecordingStreamResult<()> {
+    pub(super) fn log_result(&mut self, result: &RunResult, is_smoothed: bool) -> RecordingStreamResult<()> {
+        self.entries.send(&self.stream, self.root)?;
         let first = |poses: &[StampedPose]| poses.first().map_or(Pose::IDENTITY, |stamped| stamped.pose);
         let world_from_odom = first(&result.trajectory) * first(&result.odometry).inverse();
         if let Some(last) = result.trajectory.last() {
             self.set_time(self.step + 1, last.stamp);
         }
         let stream = &self.stream;
-        stream.log(layout::STEP, &Clear::recursive())?;
-        stream.log(layout::MAP_CLUSTERS, &ends(&result.map))?;
-        stream.log(layout::MAP_ELLIPSES, &ellipses(&result.map))?;
+        stream.log(self.path(layout::STEP), &Clear::recursive())?;
+        stream.log(self.path(layout::MAP_CLUSTERS), &ends(&result.map))?;
+        stream.log(self.path(layout::MAP_ELLIPSES), &ellipses(&result.map))?;
         let path = result.trajectory.iter().map(|stamped| position(stamped.pose.position()));
-        stream.log(layout::TRAJECTORY, &LineStrips2D::new([path.collect::<Vec<_>>()]))?;
+        stream.log(self.path(layout::TRAJECTORY), &LineStrips2D::new([path.collect::<Vec<_>>()]))?;
         let path = result.odometry.iter().map(|stamped| position((world_from_odom * stamped.pose).position()));
-        stream.log(layout::ODOMETRY, &LineStrips2D::new([path.collect::<Vec<_>>()]))
+        stream.log(self.path(layout::ODOMETRY), &LineStrips2D::new([path.collect::<Vec<_>>()]))?;
+        let result = [f64::from(result.checksum()), f64::from(u8::from(is_smoothed))];
+        stream.log(self.path(layout::RESULT), &Scalars::new(result))
     }
 
     /// Moves both timelines; what is logged next belongs there.
@@ -112,18 +187,105 @@ impl Recorder {
         self.stream.set_time_sequence(layout::STEP_TIMELINE, step);
         self.stream.set_duration_secs(layout::TIME_TIMELINE, self.time);
     }
+
+    /// The likeliest are logged last, so that they lie above.
+    fn particles(&self, all: &[ReportedParticle]) -> Points2D {
+        let most = if self.level == Level::Full { MOST_PARTICLES } else { MOST_PARTICLES_IF_LIGHT };
+        let shown = all.len().min(most);
+        let mut sample: Vec<_> = (0..shown).map(|i| all[i * all.len() / shown]).collect();
+        sample.sort_by(|a, b| a.weight.total_cmp(&b.weight));
+        let largest = all.iter().map(|particle| particle.weight).fold(0.0, f64::max);
+        let colour = |particle: &ReportedParticle| layout::particle_colour(particle.weight / largest);
+        Points2D::new(sample.iter().map(|particle| position(particle.world_from_robot.position())))
+            .with_colors(sample.iter().map(|particle| layout::colour(colour(particle))))
+    }
+}
+
+/// Entries of the log that wait to be sent.
+struct Entries {
+    next: i64,
+    laser: Rows,
+    odometry: Rows,
+    truth: Rows,
+    sent: Instant,
+}
+
+/// Rows of numbers, of any length each.
+#[derive(Default)]
+struct Rows {
+    numbers: Vec<f64>,
+    lengths: Vec<usize>,
+    entries: Vec<i64>,
+}
+
+impl Entries {
+    fn new() -> Self {
+        let [laser, odometry, truth] = Default::default();
+        Self { next: 0, laser, odometry, truth, sent: Instant::now() }
+    }
+
+    fn push(&mut self, entry: &LogEntry) {
+        let pose = |Pose { x, y, heading }: Pose| [x, y, heading];
+        match entry {
+            LogEntry::Odometry { stamp, odom_from_robot } => {
+                self.odometry.push(self.next, pose(*odom_from_robot).into_iter().chain([*stamp]));
+            }
+            LogEntry::Truth { stamp, world_from_robot } => {
+                self.truth.push(self.next, pose(*world_from_robot).into_iter().chain([*stamp]));
+            }
+            LogEntry::Laser(LaserReading {
+                stamp,
+                odom_from_robot,
+                robot_from_laser,
+                first_angle,
+                angle_step,
+                max_range,
+                ranges,
+            }) => {
+                let poses = pose(*odom_from_robot).into_iter().chain([*stamp]).chain(pose(*robot_from_laser));
+                let beams = [*first_angle, *angle_step, *max_range].into_iter().chain(ranges.iter().copied());
+                self.laser.push(self.next, poses.chain(beams));
+            }
+        }
+        self.next += 1;
+    }
+
+    fn send(&mut self, stream: &RecordingStream, root: &str) -> RecordingStreamResult<()> {
+        self.sent = Instant::now();
+        self.laser.send(stream, &layout::under(root, layout::LASER))?;
+        self.odometry.send(stream, &layout::under(root, layout::ODOMETRY_READING))?;
+        self.truth.send(stream, &layout::under(root, layout::TRUTH))
+    }
+}
+
+impl Rows {
+    fn push(&mut self, entry: i64, numbers: impl IntoIterator<Item = f64>) {
+        let before = self.numbers.len();
+        self.numbers.extend(numbers);
+        self.lengths.push(self.numbers.len() - before);
+        self.entries.push(entry);
+    }
+
+    fn send(&mut self, stream: &RecordingStream, path: &str) -> RecordingStreamResult<()> {
+        let Self { numbers, lengths, entries } = std::mem::take(self);
+        if entries.is_empty() {
+            return Ok(());
+        }
+        let columns = Scalars::new(numbers).columns(lengths)?;
+        stream.send_columns(path, [TimeColumn::new_sequence(layout::ENTRY_TIMELINE, entries)], columns)
+    }
 }
 
 /// A path that grows with every step, as polylines of a bounded length that touch.
 struct Trail {
-    path: &'static str,
+    path: String,
     log_style: fn(&RecordingStream, &str) -> RecordingStreamResult<()>,
     pieces: u32,
     last_piece: Vec<[f32; 2]>,
 }
 
 impl Trail {
-    fn new(path: &'static str, log_style: fn(&RecordingStream, &str) -> RecordingStreamResult<()>) -> Self {
+    fn new(path: String, log_style: fn(&RecordingStream, &str) -> RecordingStreamResult<()>) -> Self {
         Self { path, log_style, pieces: 0, last_piece: Vec::new() }
     }
 
@@ -168,16 +330,6 @@ fn ellipses(clusters: &[Cluster]) -> LineStrips2D {
 fn arrow(pose: Pose) -> Arrows2D {
     let vector = pose.direction() * ARROW;
     Arrows2D::from_vectors([[vector.x as f32, vector.y as f32]]).with_origins([position(pose.position())])
-}
-
-/// The likeliest are logged last, so that they lie above.
-fn particles(all: &[ReportedParticle]) -> Points2D {
-    let shown = all.len().min(MOST_PARTICLES);
-    let mut sample: Vec<_> = (0..shown).map(|i| all[i * all.len() / shown]).collect();
-    sample.sort_by(|a, b| a.weight.total_cmp(&b.weight));
-    let largest = all.iter().map(|particle| particle.weight).fold(0.0, f64::max);
-    Points2D::new(sample.iter().map(|particle| position(particle.world_from_robot.position())))
-        .with_colors(sample.iter().map(|particle| layout::colour(layout::particle_colour(particle.weight / largest))))
 }
 
 /// In the order of [`layout::STAGES`].

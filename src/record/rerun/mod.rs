@@ -1,22 +1,26 @@
 //! Records a run for the Rerun viewer: to a file (`.rrd`), or live to a viewer that is running.
 //!
-//! In: [`StepReport`]s in the order of the steps, then the [`RunResult`]. Out: what [`layout`] names, on two
-//! timelines: `step`, and `time`, the seconds since the first step's stamp. Stamps may go backwards in a log; `time`
-//! then stands still until they have caught up.
+//! In: what the run starts with, entries of the log and [`StepReport`]s in their order, then the [`RunResult`]. Out: what
+//! [`layout`] names, on two timelines: `step`, and `time`, the seconds since the first step's stamp. Stamps may go
+//! backwards in a log; `time` then stands still until they have caught up. The entries of the log have a timeline of their
+//! own. With them and the configuration the run can be repeated: [`read`] does the reading.
 //!
 //! Recording never stops a run. What goes wrong after the start ends the recording, and [`Observer::failure`]
 //! tells it; the observer ignores the steps that follow.
 
-use super::{Observer, RunResult, StepReport};
+use super::{Observer, RunInfo, RunResult, StepReport};
+use crate::io::LogEntry;
 use ::rerun::blueprint::BlueprintActivation;
 use ::rerun::sink::SinkFlushError;
 use ::rerun::{DEFAULT_CONNECT_URL, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 use log::Recorder;
+use read::RecordedRun;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 pub mod layout;
 mod log;
+pub mod read;
 
 /// Name under which the viewer keeps the layout of its views.
 const APPLICATION: &str = "ipslam";
@@ -24,6 +28,16 @@ const APPLICATION: &str = "ipslam";
 const CHECK_EVERY: u32 = 100;
 /// A file or viewer that takes no data for so long is given up.
 const PATIENCE: Duration = Duration::from_secs(10);
+
+/// How much a recording holds of each step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Level {
+    /// What repeats the run and shows it: a sample of the particles, the scan's points, the best map.
+    #[default]
+    Light,
+    /// All particles with their weights and ancestry, the scan's clusters, and ellipses of the map as well.
+    Full,
+}
 
 /// Why a recording could not be started.
 #[derive(Debug, thiserror::Error)]
@@ -73,47 +87,56 @@ pub struct RerunObserver {
 }
 
 impl RerunObserver {
-    /// Records to a new file, replacing what is there. `name` is shown as the name of the recording.
+    /// Records to a new file, replacing what is there.
     ///
     /// # Errors
     /// The file cannot be made or written to.
-    pub fn to_file(path: &Path, name: &str) -> Result<Self, RecordError> {
-        let failed = |reason: String| RecordError::File { path: path.to_owned(), reason };
-        let stream = builder(name).save(path).map_err(|error| match error {
-            RecordingStreamError::FileSink(::rerun::sink::FileSinkError::CreateFile { source, .. }) => {
-                failed(source.to_string())
-            }
-            other => failed(other.to_string()),
-        })?;
-        Self::start(stream, "is the disk full?", failed)
+    pub fn to_file(path: &Path, info: &RunInfo, level: Level) -> Result<Self, RecordError> {
+        let (stream, failed) = file(path, &info.log)?;
+        layout::blueprint().send(&stream, BlueprintActivation::default())?;
+        Self::start(stream, "", level, info, FULL_DISK, failed)
     }
 
-    /// Streams to a viewer that is running, on this computer where no address is given. `name` is shown as the name
-    /// of the recording.
+    /// Records the replay of a recorded run to a new file, the recorded run beside it.
+    ///
+    /// # Errors
+    /// As for [`RerunObserver::to_file`].
+    pub fn beside(recorded: &RecordedRun, path: &Path, info: &RunInfo, level: Level) -> Result<Self, RecordError> {
+        let (stream, failed) = file(path, &format!("{}, replayed", info.log))?;
+        layout::comparison_blueprint().send(&stream, BlueprintActivation::default())?;
+        recorded.send(&stream, layout::RECORDED);
+        // How two runs share a plot is not how one has it alone.
+        layout::log_styles(&stream, layout::RECORDED)?;
+        Self::start(stream, layout::REPLAYED, level, info, FULL_DISK, failed)
+    }
+
+    /// Streams to a viewer that is running, on this computer where no address is given.
     ///
     /// # Errors
     /// The address is none of a viewer, or none answers there within some seconds.
-    pub fn connect(url: Option<&str>, name: &str) -> Result<Self, RecordError> {
+    pub fn connect(url: Option<&str>, info: &RunInfo, level: Level) -> Result<Self, RecordError> {
         let url = url.unwrap_or(DEFAULT_CONNECT_URL);
-        let stream = builder(name)
+        let stream = builder(&info.log)
             .connect_grpc_opts(url)
             .map_err(|error| RecordError::Address { url: url.to_owned(), reason: error.to_string() })?;
+        stream.set_log_time_enabled(false);
+        layout::blueprint().send(&stream, BlueprintActivation::default())?;
         let failed = |reason| RecordError::NoViewer { url: url.to_owned(), reason };
-        Self::start(stream, "was the viewer closed?", failed)
+        Self::start(stream, "", level, info, "was the viewer closed?", failed)
     }
 
-    /// Sends the layout and the styles, and makes sure that they arrive.
+    /// Sends what does not change, and makes sure that it arrives.
     fn start(
         stream: RecordingStream,
+        root: &'static str,
+        level: Level,
+        info: &RunInfo,
         hint: &'static str,
         failed: impl Fn(String) -> RecordError,
     ) -> Result<Self, RecordError> {
-        // By default the recording carries the time of the computer, as a third timeline.
-        stream.set_log_time_enabled(false);
-        layout::blueprint().send(&stream, BlueprintActivation::default())?;
-        layout::log_styles(&stream)?;
-        stream.flush_with_timeout(PATIENCE).map_err(|error| failed(reason(&error)))?;
-        Ok(Self { recorder: Some(Recorder::new(stream)), failure: None, hint })
+        let recorder = Recorder::new(stream, root, level, info)?;
+        check(recorder.stream()).map_err(failed)?;
+        Ok(Self { recorder: Some(recorder), failure: None, hint })
     }
 
     /// Does something with the recorder, and ends the recording where that fails.
@@ -131,6 +154,10 @@ impl RerunObserver {
 }
 
 impl Observer for RerunObserver {
+    fn on_entry(&mut self, entry: &LogEntry) {
+        self.record(|recorder| recorder.log_entry(entry).map_err(|error| error.to_string()));
+    }
+
     fn on_step(&mut self, report: &StepReport<'_>) {
         self.record(|recorder| {
             recorder.log_step(report).map_err(|error| error.to_string())?;
@@ -138,9 +165,9 @@ impl Observer for RerunObserver {
         });
     }
 
-    fn on_finish(&mut self, result: &RunResult) {
+    fn on_finish(&mut self, result: &RunResult, is_smoothed: bool) {
         self.record(|recorder| {
-            recorder.log_result(result).map_err(|error| error.to_string())?;
+            recorder.log_result(result, is_smoothed).map_err(|error| error.to_string())?;
             check(recorder.stream())
         });
         self.recorder = None;
@@ -149,6 +176,23 @@ impl Observer for RerunObserver {
     fn failure(&self) -> Option<&str> {
         self.failure.as_deref()
     }
+}
+
+const FULL_DISK: &str = "is the disk full?";
+
+/// A stream to a new file, and what to say where it takes nothing.
+fn file(path: &Path, name: &str) -> Result<(RecordingStream, impl Fn(String) -> RecordError + use<>), RecordError> {
+    let named = path.to_owned();
+    let failed = move |reason: String| RecordError::File { path: named.clone(), reason };
+    let stream = builder(name).save(path).map_err(|error| match error {
+        RecordingStreamError::FileSink(::rerun::sink::FileSinkError::CreateFile { source, .. }) => {
+            failed(source.to_string())
+        }
+        other => failed(other.to_string()),
+    })?;
+    // By default the recording carries the time of the computer, as another timeline.
+    stream.set_log_time_enabled(false);
+    Ok((stream, failed))
 }
 
 fn builder(name: &str) -> RecordingStreamBuilder {

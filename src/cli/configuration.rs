@@ -1,0 +1,65 @@
+//! Options that set the configuration of a run.
+
+use anyhow::Context as _;
+use clap::ValueEnum;
+use ipslam::config::Config;
+use std::path::PathBuf;
+
+/// What is set, and by what.
+#[derive(Debug, clap::Args)]
+pub struct ConfigArgs {
+    /// Values to start from
+    #[arg(long, value_enum)]
+    preset: Option<Preset>,
+    /// TOML file that sets any part of the configuration, in place of the preset's; config.toml among the outputs is one
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
+    /// Pose particles, made a multiple of the maps; in place of the configuration's; named alone, --maps changes them in proportion
+    #[arg(long, allow_negative_numbers = true)]
+    particles: Option<usize>,
+    /// Maps; in place of the configuration's
+    #[arg(long, allow_negative_numbers = true)]
+    maps: Option<usize>,
+    /// Seed of all random numbers; in place of the configuration's
+    #[arg(long, allow_negative_numbers = true)]
+    seed: Option<u64>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Preset {
+    /// What works best
+    Default,
+    /// The filter of the paper, to the letter
+    Paper,
+}
+
+impl ConfigArgs {
+    /// Options win over the file, the file over the preset, the preset over `base`.
+    pub fn over(&self, base: Config) -> anyhow::Result<Config> {
+        let mut config = match self.preset {
+            None => base,
+            Some(Preset::Default) => Config::default(),
+            Some(Preset::Paper) => Config::paper(),
+        };
+        if let Some(path) = &self.config {
+            let shown = path.display();
+            let text = std::fs::read_to_string(path).with_context(|| format!("{shown}: cannot be read"))?;
+            config = config.with_toml(&text).with_context(|| shown.to_string())?;
+        }
+        // Where only the maps are named, each keeps as many poses as it had.
+        let poses_a_map = config.particles / config.maps.max(1);
+        let as_many = self.maps.filter(|&maps| maps > 0).map(|maps| maps.saturating_mul(poses_a_map));
+        config.particles = self.particles.or(as_many).unwrap_or(config.particles);
+        config.maps = self.maps.unwrap_or(config.maps);
+        config.seed = self.seed.unwrap_or(config.seed);
+        // A round number of particles is what people name: maps that were not named have to divide it.
+        if let (Some(particles), None) = (self.particles, self.maps)
+            && particles > config.maps
+            && config.maps > 0
+        {
+            config.particles = particles.checked_next_multiple_of(config.maps).unwrap_or(particles);
+        }
+        config.validate()?;
+        Ok(config)
+    }
+}

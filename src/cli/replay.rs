@@ -1,0 +1,301 @@
+//! `ipslam replay`: runs a recorded log again, and compares what comes out with what was recorded.
+
+use super::backend::BackendArgs;
+use super::configuration::ConfigArgs;
+use super::recording::RecordLevel;
+use super::run::ThreadArgs;
+use super::truth::TruthArgs;
+use std::path::PathBuf;
+
+/// Runs a recorded log again: to verify the recording, or with other options to compare with it.
+#[derive(Debug, clap::Args)]
+pub struct ReplayArgs {
+    /// Recording that `ipslam run --record` made
+    #[arg(value_name = "RUN.rrd")]
+    recording: PathBuf,
+    /// Compare bit for bit with what was recorded, on the CPU and with the recorded options; fail at the first difference
+    #[arg(long, conflicts_with_all = ["preset", "config", "particles", "maps", "seed", "backend", "adapter"])]
+    verify: bool,
+    #[command(flatten)]
+    config: ConfigArgs,
+    #[command(flatten)]
+    backend: BackendArgs,
+    #[command(flatten)]
+    threads: ThreadArgs,
+    #[command(flatten)]
+    truth: TruthArgs,
+    /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME OF THE RECORDING-replayed]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// New recording with both runs side by side [default: replay.rrd among the outputs; none with --verify]
+    #[arg(long, value_name = "FILE.rrd")]
+    record: Option<PathBuf>,
+    /// How much of each step is recorded
+    #[arg(long, value_enum, default_value_t)]
+    record_level: RecordLevel,
+    /// Print the comparison as JSON, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+#[cfg(not(feature = "record"))]
+/// Without the recorder nothing can be replayed.
+pub fn replay(args: &ReplayArgs) -> anyhow::Result<Vec<anyhow::Error>> {
+    let ReplayArgs { recording, verify: _, config: _, backend: _, threads: _, truth: _, out: _, .. } = args;
+    let (_, _, _) = (&args.record, args.record_level, args.json);
+    anyhow::bail!("{}: replay needs {}", recording.display(), super::recording::FEATURE)
+}
+
+#[cfg(feature = "record")]
+pub use with_recorder::replay;
+
+#[cfg(feature = "record")]
+mod with_recorder {
+    use super::super::backend::Chosen;
+    use super::super::interrupt;
+    use super::super::mapping::Mapped;
+    use super::super::output::Outputs;
+    use super::super::run::Job;
+    use super::ReplayArgs;
+    use anyhow::{anyhow, bail, ensure};
+    use ipslam::config::Config;
+    use ipslam::io::{LogEntry, LogSource as _};
+    use ipslam::record::rerun::RerunObserver;
+    use ipslam::record::rerun::read::{RecordedRun, RecordedStep};
+    use ipslam::record::{Observer, RunInfo, RunResult, StageTimes, StepReport};
+    use serde_json::json;
+    use std::cell::RefCell;
+    use std::fmt::Write as _;
+    use std::io::Write as _;
+    use std::rc::Rc;
+
+    /// Runs the log of a recording again. Errors that the run went on after are returned as a list.
+    pub fn replay(args: &ReplayArgs) -> anyhow::Result<Vec<anyhow::Error>> {
+        let recorded = RecordedRun::open(&args.recording)?;
+        let shown = args.recording.display();
+        ensure!(!recorded.entries().is_empty(), "{shown}: it holds no log: nothing was recorded before it broke off");
+        let config = args.config.over(recorded.info.config)?;
+        let truth = args.truth.read()?;
+        let mut outputs = Outputs::for_log(args.out.as_deref(), &format!("{}-replayed", recorded.name()))?;
+        args.threads.start()?;
+        interrupt::watch()?;
+        let chosen = if args.verify { Chosen::cpu(None) } else { args.backend.choose()? };
+        let Chosen { evaluator, name: device } = chosen;
+        if args.verify {
+            ensure!(
+                recorded.info.device.starts_with("CPU"),
+                "{shown} was recorded on the {}: only the CPU repeats a run bit for bit; replay without --verify \
+                 compares the two",
+                recorded.info.device
+            );
+            if recorded.version != env!("CARGO_PKG_VERSION") {
+                eprintln!("{shown} was recorded by version {}: another version may differ", recorded.version);
+            }
+        }
+        let info = RunInfo { log: recorded.info.log.clone(), device, config };
+
+        let replayed = Rc::new(RefCell::new(Replayed::default()));
+        let mut observers: Vec<Box<dyn Observer>> = vec![Box::new(Listener(Rc::clone(&replayed)))];
+        let record = args.record.clone().or_else(|| (!args.verify).then(|| outputs.path("replay.rrd")));
+        if let Some(path) = &record {
+            observers.push(Box::new(RerunObserver::beside(&recorded, path, &info, args.record_level.into())?));
+        }
+        let smooth = recorded.result.is_none_or(|result| result.is_smoothed);
+        let job = Job { source: &recorded, info: &info, max_scans: None, truth: &truth, smooth, quiet: args.json };
+        let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
+        drop(observers);
+        let replayed = replayed.take();
+
+        if args.verify {
+            verify(&recorded, &replayed)?;
+            let what = if recorded.result.is_some() { "the result" } else { "no result: the recording breaks off" };
+            println!("identical bit for bit: {} steps and {what}", recorded.steps.len());
+            return Ok(outputs.errors);
+        }
+        let comparison = Comparison::new(&recorded, &config, &replayed, &mapped, &info);
+        outputs.write("comparison.json", format!("{:#}\n", comparison.json()).as_bytes());
+        let text = if args.json { format!("{:#}\n", comparison.json()) } else { format!("\n{}", comparison.table()) };
+        let _ = std::io::stdout().write_all(text.as_bytes());
+        if let Some(path) = record {
+            eprintln!("both runs side by side: {}", path.display());
+        }
+        Ok(outputs.errors)
+    }
+
+    /// What the replay found.
+    #[derive(Default)]
+    struct Replayed {
+        steps: Vec<RecordedStep>,
+        result: Option<u32>,
+    }
+
+    struct Listener(Rc<RefCell<Replayed>>);
+
+    impl Observer for Listener {
+        fn on_entry(&mut self, _: &LogEntry) {}
+
+        fn on_step(&mut self, report: &StepReport<'_>) {
+            self.0.borrow_mut().steps.push(RecordedStep::from(report));
+        }
+
+        fn on_finish(&mut self, result: &RunResult, _: bool) {
+            self.0.borrow_mut().result = Some(result.checksum());
+        }
+
+        fn failure(&self) -> Option<&str> {
+            None
+        }
+    }
+
+    /// Whether the replay is the recorded run to the last bit.
+    fn verify(recorded: &RecordedRun, replayed: &Replayed) -> anyhow::Result<()> {
+        for (was, is) in recorded.steps.iter().zip(&replayed.steps) {
+            let poses = [was, is].map(|step| step.world_from_robot);
+            let step = was.step;
+            ensure!(poses[0] == poses[1], "step {step}: the best particle was at {:?}, now {:?}", poses[0], poses[1]);
+            ensure!(
+                was.checksum == is.checksum,
+                "step {step}: particles, weights or map differ, at the same best pose"
+            );
+        }
+        // A recording that breaks off may lack its last steps, but has none that the replay lacks.
+        let (was, is) = (recorded.steps.len(), replayed.steps.len());
+        ensure!(was <= is, "step {is}: the replay has no more steps, {was} were recorded");
+        if let Some(result) = recorded.result {
+            ensure!(was == is, "step {was}: the recording has no more steps, the replay has {is}");
+            if replayed.result != Some(result.checksum) {
+                bail!("all {was} steps are the same, but the result differs: map or trajectory");
+            }
+        }
+        Ok(())
+    }
+
+    /// Two runs of one log.
+    struct Comparison<'a> {
+        recorded: Side<'a>,
+        replayed: Side<'a>,
+        /// The first step whose particles, weights or map differ.
+        first_difference: Option<u32>,
+        /// How far the final trajectories are apart at the same reading: mean and maximum [m].
+        apart: Option<(f64, f64)>,
+    }
+
+    struct Side<'a> {
+        device: &'a str,
+        config: &'a Config,
+        steps: &'a [RecordedStep],
+    }
+
+    impl<'a> Comparison<'a> {
+        fn new(
+            recorded: &'a RecordedRun,
+            config: &'a Config,
+            replayed: &'a Replayed,
+            mapped: &Mapped,
+            info: &'a RunInfo,
+        ) -> Self {
+            let (was, is) = (&recorded.steps, &replayed.steps);
+            let differ = |(was, is): &(&RecordedStep, &RecordedStep)| was.checksum != is.checksum;
+            let shorter = (was.len() != is.len()).then_some(was.len().min(is.len()) as u32);
+            let first_difference = was.iter().zip(is).find(differ).map(|(was, _)| was.step).or(shorter);
+            let distances: Vec<f64> = recorded
+                .trajectory()
+                .iter()
+                .zip(&mapped.result.trajectory)
+                .map(|(was, is)| (was - is.pose.position()).norm())
+                .collect();
+            let mean = distances.iter().sum::<f64>() / distances.len().max(1) as f64;
+            let apart = (!distances.is_empty()).then(|| (mean, distances.iter().copied().fold(0.0, f64::max)));
+            Self {
+                recorded: Side { device: &recorded.info.device, config: &recorded.info.config, steps: was },
+                replayed: Side { device: &info.device, config, steps: is },
+                first_difference,
+                apart,
+            }
+        }
+
+        fn json(&self) -> serde_json::Value {
+            json!({
+                "recorded": self.recorded.json(),
+                "replayed": self.replayed.json(),
+                "first_step_that_differs": self.first_difference,
+                "trajectories_apart_m": self.apart.map(|(mean, max)| json!({ "mean": mean, "max": max })),
+            })
+        }
+
+        fn table(&self) -> String {
+            let (was, is) = (self.recorded.rows(), self.replayed.rows());
+            let mut table = format!("{:<34} {:>16} {:>16}\n", "", "recorded", "replayed");
+            for ((name, was), (_, is)) in was.into_iter().zip(is) {
+                let _ = writeln!(table, "{name:<34} {was:>16} {is:>16}");
+            }
+            let _ = match self.first_difference {
+                Some(step) => writeln!(table, "{:<34} {step}", "first step that differs"),
+                None => writeln!(table, "every step is the same, to the last bit"),
+            };
+            if let Some((mean, max)) = self.apart {
+                let apart = "trajectories apart [m]";
+                let _ = writeln!(table, "{apart:<34} {mean:.4} on average, {max:.4} at most");
+            }
+            let _ =
+                writeln!(table, "recorded on the {}\nreplayed on the {}", self.recorded.device, self.replayed.device);
+            table
+        }
+    }
+
+    impl Side<'_> {
+        fn mean(&self, of: impl Fn(&RecordedStep) -> f64) -> f64 {
+            self.steps.iter().map(of).sum::<f64>() / self.steps.len().max(1) as f64
+        }
+
+        fn clusters(&self) -> usize {
+            self.steps.last().map_or(0, |step| step.clusters)
+        }
+
+        /// Milliseconds a step, by stage.
+        fn milliseconds(&self) -> [(&'static str, f64); 6] {
+            let mean = |of: fn(&StageTimes) -> f64| 1e3 * self.mean(|step| of(&step.times));
+            [
+                ("cluster", mean(|times| times.cluster)),
+                ("track", mean(|times| times.track)),
+                ("propagate", mean(|times| times.propagate)),
+                ("weigh", mean(|times| times.weigh)),
+                ("resample", mean(|times| times.resample)),
+                ("merge", mean(|times| times.merge)),
+            ]
+        }
+
+        fn rows(&self) -> Vec<(String, String)> {
+            let config = self.config;
+            let mut rows = vec![
+                ("particles".to_owned(), config.particles.to_string()),
+                ("maps".to_owned(), config.maps.to_string()),
+                ("seed".to_owned(), config.seed.to_string()),
+                ("steps".to_owned(), self.steps.len().to_string()),
+                (
+                    "effective sample size, mean".to_owned(),
+                    format!("{:.1}", self.mean(|step| step.effective_sample_size)),
+                ),
+                ("clusters after the last step".to_owned(), self.clusters().to_string()),
+            ];
+            let stages = self.milliseconds();
+            rows.extend(stages.map(|(stage, mean)| (format!("{stage} [ms a step]"), format!("{mean:.2}"))));
+            let all: f64 = stages.iter().map(|(_, mean)| mean).sum();
+            rows.push(("all stages [ms a step]".to_owned(), format!("{all:.2}")));
+            rows
+        }
+
+        fn json(&self) -> serde_json::Value {
+            json!({
+                "device": self.device,
+                "particles": self.config.particles,
+                "maps": self.config.maps,
+                "seed": self.config.seed,
+                "steps": self.steps.len(),
+                "mean_effective_sample_size": self.mean(|step| step.effective_sample_size),
+                "clusters": self.clusters(),
+                "milliseconds_a_step": self.milliseconds().into_iter().collect::<std::collections::BTreeMap<_, _>>(),
+            })
+        }
+    }
+}
