@@ -104,7 +104,6 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     outputs.note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
     let trajectory_path = outputs.path("trajectory.tum");
     outputs.write_trajectory("trajectory.tum", &mapped.result.trajectory);
-    let map_bytes = outputs.write_map(&mapped);
     outputs.write("config.toml", config_text.as_bytes());
 
     let trajectory = &mapped.result.trajectory;
@@ -123,7 +122,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     }
 
     let began = Instant::now();
-    outputs.draw(&*source, &config, &mapped, &truth);
+    let map_bytes = outputs.look_again(&*source, &config, &mapped, &truth);
     let drawing_seconds = began.elapsed().as_secs_f64();
     let summary = Summary {
         name: &name,
