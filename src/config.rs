@@ -3,6 +3,7 @@
 use crate::clustering::ClusteringConfig;
 use crate::evaluator::ProposalConfig;
 use crate::evaluator::layout::{Latent, LikelihoodConfig};
+use crate::localization::LocalizationConfig;
 use crate::map::matching::{MatchingConfig, MatchingRule};
 use crate::map::merging::{MergingConfig, MergingMethod};
 use crate::motion::MotionConfig;
@@ -37,6 +38,8 @@ pub struct Config {
     pub filter: FilterConfig,
     /// What comes after it.
     pub smoothing: SmoothingConfig,
+    /// Finding the robot in a map that is known.
+    pub localization: LocalizationConfig,
 }
 
 /// Which ranges count.
@@ -90,6 +93,7 @@ impl Default for Config {
             merging: MergingConfig::default(),
             filter: FilterConfig::default(),
             smoothing: SmoothingConfig::default(),
+            localization: LocalizationConfig::default(),
         }
     }
 }
@@ -143,7 +147,7 @@ impl Config {
 const MOST_PARTICLES: usize = 10_000_000;
 
 /// Numbers with limits of their own, least and greatest; all others may be anything from 0 on, infinity included.
-const LIMITS: [(&str, f64, f64); 23] = [
+const LIMITS: [(&str, f64, f64); 32] = [
     ("scan.min_range", 0.0, 1e6),
     ("clustering.min_points", 2.0, 1e6),
     ("clustering.noise", 1e-6, 1e3),
@@ -167,6 +171,15 @@ const LIMITS: [(&str, f64, f64); 23] = [
     ("smoothing.position", 1e-6, 1e3),
     ("smoothing.heading", 1e-6, 1e3),
     ("smoothing.keep_explained", 0.0, 1.0),
+    ("localization.max_particles", 1.0, 1e7),
+    ("localization.min_particles", 1.0, 1e7),
+    ("localization.kld_error", 1e-6, 1.0),
+    ("localization.kld_quantile", 0.0, 10.0),
+    ("localization.sigma", 1e-6, 1e3),
+    ("localization.slow_memory", 0.0, 1.0),
+    ("localization.fast_memory", 0.0, 1.0),
+    ("localization.located_weight", 0.0, 1.0),
+    ("localization.located_explained", 0.0, 1.0),
 ];
 
 /// Why a configuration cannot be used.
@@ -232,6 +245,11 @@ impl Config {
             return Err(ConfigError::value("particles (option --particles)", particles, expected));
         }
         check_numbers("", &self.to_table()?)?;
+        let LocalizationConfig { min_particles, max_particles, .. } = self.localization;
+        if min_particles > max_particles {
+            let expected = format!("at most localization.max_particles, {max_particles}");
+            return Err(ConfigError::value("localization.min_particles", min_particles, expected));
+        }
         let ScanConfig { min_range, max_range } = self.scan;
         if min_range >= max_range {
             return Err(ConfigError::value("scan.max_range", max_range, format!("above scan.min_range, {min_range}")));

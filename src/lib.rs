@@ -46,6 +46,8 @@
 //! | [`slam`] | one step after the other | Table I |
 //! | [`smoothing`] | all scans and the finished map, fitted to each other | |
 //! | [`record`] | what a step reports, and to whom | |
+//! | [`grid`] | what the scans saw free and occupied, cell by cell, and the area where a robot can be | |
+//! | [`localization`] | where the robot is in a map that is known | |
 //! | [`metrics`] | errors of a trajectory against the truth | |
 //! | [`picture`] | a run seen from above, as SVG and PNG | fig. 3, 4 |
 //!
@@ -77,7 +79,9 @@ pub mod config;
 pub mod evaluator;
 pub mod filter;
 pub mod geometry;
+pub mod grid;
 pub mod io;
+pub mod localization;
 pub mod map;
 pub mod math;
 pub mod metrics;

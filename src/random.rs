@@ -18,6 +18,8 @@ pub enum Draw {
     Resample = 2,
     /// Starts of a look for the robot between steps.
     Tracking = 3,
+    /// A pose anywhere in a known map.
+    Anywhere = 4,
 }
 
 /// Four independent words of 32 random bits.

@@ -207,6 +207,7 @@ impl Slam {
             effective_sample_size: effective_sample_size(&weights),
             resampled,
             parents: &parents,
+            confidence: None,
             times,
         });
         self.steps += 1;

@@ -177,7 +177,7 @@ fn a_run_writes_all_that_it_promises() {
 
     let summary = place.summary("ipslam-out/drive");
     let number = |pointer: &str| summary.pointer(pointer).and_then(Value::as_f64).expect(pointer);
-    let clusters = map_json::read_map(&place.path("ipslam-out/drive/map.json")).unwrap().len();
+    let clusters = map_json::read_map(&place.path("ipslam-out/drive/map.json")).unwrap().clusters.len();
     let json_bytes = std::fs::metadata(place.path("ipslam-out/drive/map.json")).unwrap().len();
     assert!(clusters > 5, "{clusters} clusters");
     for (pointer, expected) in [

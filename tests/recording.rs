@@ -2,11 +2,11 @@
 #![cfg(feature = "record")]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use ipslam::config::Config;
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::ppca::Cluster;
-use ipslam::config::Config;
 use ipslam::record::rerun::{Level, RecordError, RerunObserver, layout};
-use ipslam::record::{Observer, ReportedParticle, RunInfo, RunResult, StageTimes, StepReport};
+use ipslam::record::{Observer, ReportedParticle, RunInfo, RunResult, StageTimes, StepReport, Task};
 use ipslam::scan::Scan;
 use nalgebra::{Isometry2, Point2, Vector2};
 use rerun::blueprint::components::ViewClass;
@@ -104,7 +104,8 @@ fn xy(isometry: Isometry2<f64>) -> [f64; 2] {
 }
 
 fn info() -> RunInfo {
-    RunInfo { log: "a test".to_owned(), device: "CPU".to_owned(), config: Config { seed: 77, ..Config::paper() } }
+    let config = Config { seed: 77, ..Config::paper() };
+    RunInfo { task: Task::Mapping, log: "a test".to_owned(), device: "CPU".to_owned(), config }
 }
 
 /// A drive along an arc, in a world where odometry starts elsewhere, turned, and drifts.
@@ -155,6 +156,7 @@ fn record(observer: &mut RerunObserver, step: u32, map: &[Cluster]) {
         effective_sample_size: 1.5 + f64::from(step),
         resampled: step % 2 == 1,
         parents: &[2, 0, 1],
+        confidence: None,
         times: StageTimes {
             cluster: 0.1,
             track: 0.2,
@@ -261,6 +263,7 @@ fn many_particles_are_sampled() {
         effective_sample_size: 10_000.0,
         resampled: false,
         parents: &[],
+        confidence: None,
         times: StageTimes::default(),
     });
     drop(observer);
@@ -372,7 +375,8 @@ fn a_file_that_cannot_be_made_is_an_error() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_an_error() {
-    let error = RerunObserver::to_file(Path::new("/dev/full"), &info(), Level::Light).err().expect("nothing can be written");
+    let error =
+        RerunObserver::to_file(Path::new("/dev/full"), &info(), Level::Light).err().expect("nothing can be written");
     assert!(matches!(error, RecordError::File { .. }), "{error}");
 }
 
@@ -412,7 +416,8 @@ fn an_address_of_no_viewer_is_an_error() {
     let error = RerunObserver::connect(Some("not an address"), &info(), Level::Light).err().expect("no address");
     assert!(matches!(error, RecordError::Address { .. }), "{error}");
     // The port of the discard service, where nobody listens.
-    let error = RerunObserver::connect(Some("rerun+http://127.0.0.1:9/proxy"), &info(), Level::Light).err().expect("no viewer");
+    let error =
+        RerunObserver::connect(Some("rerun+http://127.0.0.1:9/proxy"), &info(), Level::Light).err().expect("no viewer");
     assert!(matches!(error, RecordError::NoViewer { .. }), "{error}");
     assert!(error.to_string().contains("start one"), "{error}");
 }

@@ -4,8 +4,10 @@ use super::mapping::Mapped;
 use anyhow::Context as _;
 use ipslam::config::Config;
 use ipslam::geometry::StampedPose;
+use ipslam::grid::{FreeArea, GridBuilder, GridError, RESOLUTION};
 use ipslam::io::{LogEntry, LogSource, map_json, tum, write_whole};
 use ipslam::picture::Figures;
+use ipslam::ppca::Cluster;
 use ipslam::scan::Scan;
 use std::path::{Path, PathBuf};
 
@@ -54,22 +56,47 @@ impl Outputs {
     }
 
     /// Writes `map.json`; returns its size in bytes.
-    pub fn write_map(&mut self, mapped: &Mapped) -> usize {
+    fn write_map(&mut self, clusters: &[Cluster], free: Option<&FreeArea>) -> usize {
         let mut bytes = Vec::new();
-        match map_json::write_map(&mapped.result.map, &mut bytes) {
+        match map_json::write_map(clusters, free, &mut bytes) {
             Ok(()) => self.write("map.json", &bytes),
             Err(error) => self.note(Err(anyhow::Error::new(error).context("map.json"))),
         }
         bytes.len()
     }
 
-    /// Reads the log again for its points, as far as it was mapped, and draws the pictures.
+    /// Reads the log again for its points, as far as it was mapped; writes the map with its free area, and draws the
+    /// pictures. Returns the size of `map.json` in bytes.
     ///
     /// `reference` is in the world's frame.
-    pub fn draw(&mut self, source: &dyn LogSource, config: &Config, mapped: &Mapped, reference: &[StampedPose]) {
-        let mut figures = Figures::new(source.name(), &mapped.result, reference);
-        let added = add_scans(&mut figures, source, config, mapped);
-        self.note(added.context("the log cannot be read again for the pictures"));
+    pub fn look_again(
+        &mut self,
+        source: &dyn LogSource,
+        config: &Config,
+        mapped: &Mapped,
+        reference: &[StampedPose],
+    ) -> usize {
+        let result = &mapped.result;
+        let mut figures = Figures::new(source.name(), result, reference);
+        let mut builder = GridBuilder::new(RESOLUTION);
+        let added = add_scans(&mut figures, &mut builder, source, config, mapped);
+        self.note(added.context("the log cannot be read again for the grid and the pictures"));
+        let driven = result.trajectory.iter().map(|stamped| stamped.pose.position());
+        let free = match builder.finish() {
+            Ok(grid) => FreeArea::from_grid(&grid, driven),
+            // A log of empty scans has nothing to tell, which the summary does tell.
+            Err(GridError::Empty) => None,
+            Err(error) => {
+                self.note(Err(error));
+                None
+            }
+        };
+        let map_bytes = self.write_map(&result.map, free.as_ref());
+        self.draw(&figures);
+        map_bytes
+    }
+
+    fn draw(&mut self, figures: &Figures<'_>) {
         match figures.finish() {
             Ok(files) => files.iter().for_each(|(name, bytes)| self.write(name, bytes)),
             Err(error) => self.note(Err(error)),
@@ -84,6 +111,7 @@ impl Outputs {
 
 fn add_scans(
     figures: &mut Figures<'_>,
+    builder: &mut GridBuilder,
     source: &dyn LogSource,
     config: &Config,
     mapped: &Mapped,
@@ -101,6 +129,7 @@ fn add_scans(
                 let Some((found, odometry)) = poses.next() else { break };
                 let scan = Scan::from_reading(&reading, config.scan.min_range, config.scan.max_range);
                 figures.add_scan(&scan, odometry.pose, found.pose);
+                builder.add_scan(&scan, reading.robot_from_laser, found.pose);
             }
         }
     }

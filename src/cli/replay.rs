@@ -62,7 +62,7 @@ mod with_recorder {
     use ipslam::io::{LogEntry, LogSource as _};
     use ipslam::record::rerun::RerunObserver;
     use ipslam::record::rerun::read::{RecordedRun, RecordedStep};
-    use ipslam::record::{Observer, RunInfo, RunResult, StageTimes, StepReport};
+    use ipslam::record::{Observer, RunInfo, RunResult, StageTimes, StepReport, Task};
     use serde_json::json;
     use std::cell::RefCell;
     use std::fmt::Write as _;
@@ -74,6 +74,10 @@ mod with_recorder {
         let recorded = RecordedRun::open(&args.recording)?;
         let shown = args.recording.display();
         ensure!(!recorded.entries().is_empty(), "{shown}: it holds no log: nothing was recorded before it broke off");
+        ensure!(
+            recorded.info.task == Task::Mapping,
+            "{shown}: of a localisation; only what `ipslam run` recorded is replayed"
+        );
         let config = args.config.over(recorded.info.config)?;
         let truth = args.truth.read()?;
         let mut outputs = Outputs::for_log(args.out.as_deref(), &format!("{}-replayed", recorded.name()))?;
@@ -92,7 +96,7 @@ mod with_recorder {
                 eprintln!("{shown} was recorded by version {}: another version may differ", recorded.version);
             }
         }
-        let info = RunInfo { log: recorded.info.log.clone(), device, config };
+        let info = RunInfo { task: Task::Mapping, log: recorded.info.log.clone(), device, config };
 
         let replayed = Rc::new(RefCell::new(Replayed::default()));
         let mut observers: Vec<Box<dyn Observer>> = vec![Box::new(Listener(Rc::clone(&replayed)))];

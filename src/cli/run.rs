@@ -13,7 +13,7 @@ use ipslam::config::Config;
 use ipslam::evaluator::Evaluator;
 use ipslam::io::LogSource;
 use ipslam::io::carmen::CarmenLog;
-use ipslam::record::{Observer, RunInfo};
+use ipslam::record::{Observer, RunInfo, Task};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 use std::io::Write as _;
@@ -69,7 +69,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     args.threads.start()?;
     interrupt::watch()?;
     let Chosen { evaluator, name: device } = args.backend.choose()?;
-    let info = RunInfo { log: source.name(), device, config };
+    let info = RunInfo { task: Task::Mapping, log: source.name(), device, config };
     let mut observers = args.recording.observers(&info)?;
     let job =
         Job { source: &*source, info: &info, max_scans: args.max_scans, truth: &truth, smooth: true, quiet: false };
@@ -99,7 +99,7 @@ impl Job<'_> {
         observers: &mut [Box<dyn Observer + '_>],
         outputs: &mut Outputs,
     ) -> anyhow::Result<Mapped> {
-        let RunInfo { log: name, device, config } = self.info;
+        let RunInfo { log: name, device, config, .. } = self.info;
         eprintln!("mapping {name}: {} particles in {} maps on the {device}", config.particles, config.maps);
         let slam = match evaluator {
             Some(evaluator) => Slam::with_evaluator(*config, evaluator),
@@ -116,17 +116,16 @@ impl Job<'_> {
     }
 
     fn write(&self, mapped: &mut Mapped, outputs: &mut Outputs) -> anyhow::Result<()> {
-        let RunInfo { log: name, device, config } = self.info;
+        let RunInfo { log: name, device, config, .. } = self.info;
         let smoothed = std::mem::replace(&mut mapped.smoothing, Ok(()));
         outputs
             .note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
         let trajectory_path = outputs.path("trajectory.tum");
         outputs.write_trajectory("trajectory.tum", &mapped.result.trajectory);
-        let map_bytes = outputs.write_map(mapped);
         outputs.write("config.toml", toml::to_string(config)?.as_bytes());
         let (report, truth) = self.truth.score(&trajectory_path, &mapped.result.trajectory, &mapped.truth);
         let began = Instant::now();
-        outputs.draw(self.source, config, mapped, &truth);
+        let map_bytes = outputs.look_again(self.source, config, mapped, &truth);
         let drawing_seconds = began.elapsed().as_secs_f64();
         let summary = Summary { name, device, mapped, config, map_bytes, drawing_seconds, report: &report };
         outputs.write("summary.json", format!("{:#}\n", summary.json()?).as_bytes());

@@ -37,6 +37,11 @@ pub fn by_place(maps: usize, poses: &[LocalPose], size: usize) -> Vec<ParticleGr
     groups.into_iter().flat_map(|group| chunks(group.map, &group.particles, size)).collect()
 }
 
+/// Orders what has poses by where they are, so that neighbours lie close together.
+pub fn sort_by_place<T: Send>(items: &mut [T], pose: impl Fn(&T) -> LocalPose + Sync) {
+    items.par_sort_by_cached_key(|item| place(pose(item)));
+}
+
 fn chunks(map: usize, particles: &[u32], size: usize) -> Vec<ParticleGroup> {
     particles.chunks(size).map(|chunk| ParticleGroup { map, particles: chunk.to_vec() }).collect()
 }

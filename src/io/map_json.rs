@@ -1,12 +1,19 @@
-//! The map of a run as `map.json`: a header that says what the numbers mean, and one object a cluster.
+//! The map of a run as `map.json`: a header that says what the numbers mean, one object a cluster, and the area where
+//! a robot can be.
 //!
 //! A cluster is told by its mean, direction, two standard deviations and count. Covariance and endpoints follow from
 //! these; they are written for readers who want them, and the covariance is checked on reading, so that an edit of
 //! one and not the other is noticed.
+//!
+//! The free area is optional, and told by rows of cells: of each row the runs of free cells, `[start, end)`, the lowest
+//! row first, from the corner `world_from_grid`.
 
+use crate::geometry::Pose;
+use crate::grid::FreeArea;
 use crate::ppca::Cluster;
 use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
+use serde_json::value::{RawValue, to_raw_value};
 use std::fs::File;
 use std::io::{BufReader, Error, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -57,15 +64,42 @@ pub enum MapError {
         /// What is wrong with it, with the field's name.
         reason: String,
     },
+    /// The free area cannot be one.
+    #[error("{path}: the member free: {reason}; correct it or remove the member")]
+    Free {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it, with the field's name.
+        reason: String,
+    },
 }
 
+/// What a map file tells, in the world's frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SavedMap {
+    /// The walls, in the order of the file.
+    pub clusters: Vec<Cluster>,
+    /// Where a robot can be, if the file tells.
+    pub free: Option<FreeArea>,
+}
+
+/// The whole file; `Row` is a row of the free area as it is written or as it is read.
 #[derive(Serialize, Deserialize)]
-struct MapFile {
+struct MapFile<Row> {
     format: String,
     version: u32,
     units: Units,
     frame: String,
     clusters: Vec<ClusterEntry>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    free: Option<FreeEntry<Row>>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct FreeEntry<Row> {
+    cell_size: f64,
+    world_from_grid: Pose,
+    rows: Vec<Row>,
 }
 
 #[derive(Serialize, Deserialize, PartialEq, Debug)]
@@ -96,7 +130,7 @@ struct Covariance {
 /// Writes a map, in the world's frame.
 ///
 /// Fails where the writing does, and with [`ErrorKind::InvalidData`] at a cluster that could not be read back.
-pub fn write_map(clusters: &[Cluster], mut out: impl Write) -> std::io::Result<()> {
+pub fn write_map(clusters: &[Cluster], free: Option<&FreeArea>, mut out: impl Write) -> std::io::Result<()> {
     let mut entries = Vec::new();
     for (index, cluster) in clusters.iter().enumerate() {
         let entry = ClusterEntry::new(cluster);
@@ -110,16 +144,17 @@ pub fn write_map(clusters: &[Cluster], mut out: impl Write) -> std::io::Result<(
         units: Units::si(),
         frame: FRAME.to_owned(),
         clusters: entries,
+        free: free.map(FreeEntry::new).transpose()?,
     };
     serde_json::to_writer_pretty(&mut out, &file)?;
     writeln!(out)
 }
 
-/// Reads the clusters of a map, in the world's frame, in the order of the file.
-pub fn read_map(path: &Path) -> Result<Vec<Cluster>, MapError> {
+/// Reads a map.
+pub fn read_map(path: &Path) -> Result<SavedMap, MapError> {
     let path = || path.to_path_buf();
     let text = File::open(path()).map_err(|source| MapError::Open { path: path(), source })?;
-    let file: MapFile =
+    let file: MapFile<Vec<[u32; 2]>> =
         serde_json::from_reader(BufReader::new(text)).map_err(|source| MapError::Json { path: path(), source })?;
     let header = [
         ("format", file.format, FORMAT.to_owned()),
@@ -136,12 +171,23 @@ pub fn read_map(path: &Path) -> Result<Vec<Cluster>, MapError> {
         entry.check().map_err(|reason| MapError::Cluster { path: path(), index, reason })?;
         Ok(entry.cluster())
     };
-    file.clusters.iter().enumerate().map(read).collect()
+    let clusters = file.clusters.iter().enumerate().map(read).collect::<Result<_, _>>()?;
+    let area = |free: FreeEntry<_>| FreeArea::from_rows(free.cell_size, free.world_from_grid, &free.rows);
+    let free = file.free.map(area).transpose().map_err(|reason| MapError::Free { path: path(), reason })?;
+    Ok(SavedMap { clusters, free })
 }
 
 impl Units {
     fn si() -> Self {
         Self { length: "m".to_owned(), angle: "rad".to_owned() }
+    }
+}
+
+impl FreeEntry<Box<RawValue>> {
+    /// A row takes one line of the file.
+    fn new(free: &FreeArea) -> serde_json::Result<Self> {
+        let rows = free.rows().iter().map(to_raw_value).collect::<serde_json::Result<_>>()?;
+        Ok(Self { cell_size: free.cell_size(), world_from_grid: free.world_from_grid(), rows })
     }
 }
 
@@ -235,11 +281,11 @@ mod tests {
 
     fn text_of(clusters: &[Cluster]) -> String {
         let mut bytes = Vec::new();
-        write_map(clusters, &mut bytes).unwrap();
+        write_map(clusters, None, &mut bytes).unwrap();
         String::from_utf8(bytes).unwrap()
     }
 
-    fn read_text(text: &str) -> Result<Vec<Cluster>, MapError> {
+    fn read_text(text: &str) -> Result<SavedMap, MapError> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("map.json");
         std::fs::write(&path, text).unwrap();
@@ -256,7 +302,8 @@ mod tests {
     proptest! {
         #[test]
         fn what_is_written_is_read(clusters in clusters()) {
-            let read = read_text(&text_of(&clusters)).unwrap();
+            let SavedMap { clusters: read, free } = read_text(&text_of(&clusters)).unwrap();
+            prop_assert_eq!(free, None);
             prop_assert_eq!(read.len(), clusters.len());
             for (read, written) in read.iter().zip(&clusters) {
                 prop_assert!(difference(read, written) < 1e-9, "{:?} is not {:?}", read, written);
@@ -292,7 +339,7 @@ mod tests {
     #[test]
     fn a_wrong_file_is_refused_with_its_reason() {
         let good = text_of(&[one(), one()]);
-        assert_eq!(read_text(&good).unwrap().len(), 2);
+        assert_eq!(read_text(&good).unwrap().clusters.len(), 2);
         let edited = |from: &str, to: &str| {
             assert!(good.contains(from), "{from} is in {good}");
             read_text(&good.replacen(from, to, 1)).unwrap_err().to_string()
@@ -317,6 +364,32 @@ mod tests {
     }
 
     #[test]
+    fn the_free_area_is_told_by_its_runs() {
+        let rows = [vec![], vec![[2, 5], [7, 8]], vec![[0, 1]]];
+        let free = FreeArea::from_rows(0.25, Pose::new(-3.0, 2.0, 0.5), &rows).unwrap();
+        let mut bytes = Vec::new();
+        write_map(&[one()], Some(&free), &mut bytes).unwrap();
+        let text = String::from_utf8(bytes).unwrap();
+        assert!(text.contains("\n      [[2,5],[7,8]],\n"), "a row is a line: {text}");
+        assert_eq!(read_text(&text).unwrap().free, Some(free));
+
+        for (from, to, reason) in [
+            ("[[0,1]]", "[[1,0]]", "row 2 (from 0) has a run [1, 0] out of order"),
+            ("[[2,5],[7,8]]", "[[2,5],[4,8]]", "row 1 (from 0) has a run [4, 8] out of order"),
+            ("[[0,1]]", "[[0,4000000000]]", "a run [0, 4000000000] out of order or range"),
+            ("[[0,1]]", "[[0,-1]]", "invalid value: integer `-1`"),
+            ("[[0,1]]", "[[0,1,2]]", "trailing characters"),
+            ("\"cell_size\": 0.25", "\"cell_size\": 0", "cell_size is 0"),
+            ("\"x\": -3.0", "\"x\": null", "invalid type: null"),
+            ("[[2,5],[7,8]],\n      [[0,1]]", "[]", "it has no free cell"),
+        ] {
+            assert!(text.contains(from), "{from} is in {text}");
+            let error = read_text(&text.replacen(from, to, 1)).unwrap_err().to_string();
+            assert!(error.contains(reason) && error.contains("map.json"), "{error:?} says {reason:?}");
+        }
+    }
+
+    #[test]
     fn what_cannot_be_read_back_is_not_written() {
         let broken = [
             Cluster { along_variance: f64::NAN, ..one() },
@@ -324,7 +397,7 @@ mod tests {
             Cluster { mean: Point2::new(f64::INFINITY, 0.0), ..one() },
         ];
         for cluster in broken {
-            let error = write_map(&[one(), cluster], Vec::new()).unwrap_err();
+            let error = write_map(&[one(), cluster], None, Vec::new()).unwrap_err();
             assert_eq!(error.kind(), ErrorKind::InvalidData);
             assert!(error.to_string().contains("cluster 1"), "{error}");
         }

@@ -6,14 +6,26 @@ use crate::io::LogEntry;
 use crate::ppca::Cluster;
 use crate::scan::Scan;
 use crc32fast::Hasher;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 #[cfg(feature = "record")]
 pub mod rerun;
 
-/// What a run starts with: with the entries of its log, all that it takes to run it again.
+/// What a run is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Task {
+    /// Finding path and map.
+    Mapping,
+    /// Finding the robot in a map that is known.
+    Localization,
+}
+
+/// What a run starts with: with the entries of its log, all that it takes to map it again.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunInfo {
+    /// What it is for.
+    pub task: Task,
     /// Name of the log.
     pub log: String,
     /// What evaluates the particles, in the words of its driver.
@@ -48,6 +60,17 @@ pub struct StageTimes {
     pub merge: f64,
 }
 
+/// How far the pose of a step can be relied on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Confidence {
+    /// Share of the weight of all particles that lies around the pose.
+    pub weight: f64,
+    /// Share of what the map could explain of the scan at best that it does explain from there, 0 to 1.
+    pub explained: f64,
+    /// Whether both are enough.
+    pub is_located: bool,
+}
+
 /// What one step of the filter did.
 #[derive(Clone, Debug)]
 pub struct StepReport<'a> {
@@ -71,8 +94,11 @@ pub struct StepReport<'a> {
     pub effective_sample_size: f64,
     /// Whether this step resampled.
     pub resampled: bool,
-    /// For each map that is left, the number of the one that it was before; that of itself where none was resampled.
+    /// For each map that is left, the number of the one that it was before; that of itself where none was resampled. In a
+    /// known map, for each particle that is left; [`u32::MAX`] for one from anywhere.
     pub parents: &'a [u32],
+    /// In a known map, how far the pose can be relied on.
+    pub confidence: Option<Confidence>,
     /// Where the time went.
     pub times: StageTimes,
 }

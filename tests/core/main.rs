@@ -10,6 +10,7 @@ mod clustering;
 mod drive;
 mod evaluator;
 mod failover;
+mod grid;
 mod matching;
 mod merging;
 #[path = "../common/oracle.rs"]

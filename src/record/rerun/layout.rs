@@ -12,6 +12,8 @@
 //! | [`TRAJECTORY`], [`ODOMETRY`] | the whole path of the best particle, and odometry | at the end |
 //! | [`EFFECTIVE_SAMPLE_SIZE`], [`RESAMPLED`] | 1 / Σ w², and the same where the step resampled | every step |
 //! | [`CLUSTERS`] | clusters in the map | every step |
+//! | [`CONFIDENCE`] | share of the weight around the pose, and share of the scan explained there | every step in a known map |
+//! | [`PARTICLE_COUNT`] | log₁₀ of the number of particles | every step in a known map |
 //! | [`SECONDS`] | seconds by stage, in the order of [`STAGES`] | every step |
 //! | [`ABOUT`] | TOML: program, version, log, device, configuration with its seed | at the start |
 //! | [`LASER`] | x, y, heading and stamp of odometry, mounting x, y, heading, angle of the first beam and from one to the next, maximum range, all ranges | every reading |
@@ -30,6 +32,7 @@
 //! The y axis of a 2-D view points down, that of the world up. [`WORLD`] therefore carries a transform that turns y
 //! around, and the view shows the world from outside of it, so that numbers stay true and the map is not mirrored.
 
+use crate::record::Task;
 use ::rerun::blueprint::components::PanelState;
 use ::rerun::blueprint::{
     Blueprint, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView, Tabs, TextDocumentView,
@@ -103,6 +106,10 @@ pub const EFFECTIVE_SAMPLE_SIZE: &str = "plots/particles/effective_sample_size";
 pub const RESAMPLED: &str = "plots/particles/resampled";
 /// Number of clusters in the map.
 pub const CLUSTERS: &str = "plots/clusters";
+/// How far the pose can be relied on.
+pub const CONFIDENCE: &str = "plots/confidence";
+/// Powers of ten.
+pub const PARTICLE_COUNT: &str = "plots/particle_count";
 /// Seconds by stage.
 pub const SECONDS: &str = "plots/seconds";
 /// Stages of a step, with their colours.
@@ -121,6 +128,8 @@ const MAP: [u8; 3] = [235, 80, 70];
 const ELLIPSE: [u8; 3] = [130, 50, 46];
 const PATH: [u8; 3] = [245, 245, 245];
 const DRIFT: [u8; 3] = [214, 140, 40];
+const LOCATED: [u8; 3] = [60, 220, 110];
+const LOST: [u8; 3] = [150, 150, 150];
 
 /// The entity of a path of this module in a run whose paths lie under `root`; empty where there is one run alone.
 pub(super) fn under(root: &str, path: &str) -> String {
@@ -149,6 +158,9 @@ pub(super) fn log_styles(stream: &RecordingStream, root: &str) -> RecordingStrea
     let resampled = SeriesPoints::new().with_names([named("resampled")]).with_colors([colour(DRIFT)]);
     stream.log_static(at(RESAMPLED), &resampled.with_marker_sizes([2.5]))?;
     stream.log_static(at(CLUSTERS), &line("clusters in the map", clusters))?;
+    let confidence = SeriesLines::new().with_names(["weight around the pose", "scan explained there"].map(named));
+    stream.log_static(at(CONFIDENCE), &confidence.with_colors([SCAN, LOCATED].map(colour)).with_widths([1.5, 1.5]))?;
+    stream.log_static(at(PARTICLE_COUNT), &line("log10 of the number of particles", DRIFT))?;
     let stages = SeriesLines::new().with_names(STAGES.map(|stage| stage.0));
     stream.log_static(at(SECONDS), &stages.with_colors(STAGES.map(|stage| colour(stage.1))))
 }
@@ -163,18 +175,26 @@ pub(super) fn log_odometry_style(stream: &RecordingStream, path: &str) -> Record
     stream.log_static(path, &lines(DRIFT, 0.7, 25.0))
 }
 
-/// The map, large, and the three plots beside it.
-pub(super) fn blueprint() -> Blueprint {
-    let plots = Vertical::new([
-        plot("Effective sample size", ["plots/particles/**".to_owned()]),
-        plot("Clusters in the map", [CLUSTERS.to_owned()]),
-        plot("Seconds a step", [SECONDS.to_owned()]),
-    ])
-    // The last plot has the longest legend.
-    .with_row_shares([1.0, 1.0, 1.4]);
+/// The map, large, and three plots beside it.
+pub(super) fn blueprint(task: Task) -> Blueprint {
+    let (legend, first, second) = match task {
+        Task::Mapping => (
+            LEGEND,
+            plot("Effective sample size", ["plots/particles/**".to_owned()]),
+            plot("Clusters in the map", [CLUSTERS.to_owned()]),
+        ),
+        Task::Localization => (
+            "map red · scan blue · particles yellow = likely · arrow green = located, grey = not",
+            plot("Confidence", [CONFIDENCE.to_owned()]),
+            plot("Particles, powers of ten", [PARTICLE_COUNT.to_owned()]),
+        ),
+    };
+    let plots = Vertical::new([first, second, plot("Seconds a step", [SECONDS.to_owned()])])
+        // The last plot has the longest legend.
+        .with_row_shares([1.0, 1.0, 1.4]);
     let about = TextDocumentView::new("Configuration").with_origin(ABOUT);
     let beside = Tabs::new([plots.into(), about.into()]);
-    whole(Horizontal::new([map_view(LEGEND, "").into(), beside.into()]).with_column_shares([2.0, 1.0]).into())
+    whole(Horizontal::new([map_view(legend, "").into(), beside.into()]).with_column_shares([2.0, 1.0]).into())
 }
 
 /// A recorded run and its replay: two maps side by side, and plots that show both.
@@ -218,6 +238,11 @@ pub fn particle_colour(share: f64) -> [u8; 3] {
     // A weight that is no number counts as none.
     let brightness = (1.0 + share.max(0.0).log10() / DECADES).clamp(0.0, 1.0);
     std::array::from_fn(|i| (RARE[i] + brightness * (LIKELY[i] - RARE[i])).round() as u8)
+}
+
+/// Colour of the robot in a known map.
+pub(super) fn confidence_colour(is_located: bool) -> Color {
+    colour(if is_located { LOCATED } else { LOST })
 }
 
 pub(super) fn colour([red, green, blue]: [u8; 3]) -> Color {

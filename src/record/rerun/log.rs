@@ -4,7 +4,7 @@ use super::{Level, layout};
 use crate::geometry::{Pose, StampedPose};
 use crate::io::{LaserReading, LogEntry};
 use crate::ppca::Cluster;
-use crate::record::{ReportedParticle, RunInfo, RunResult, StageTimes, StepReport};
+use crate::record::{Confidence, ReportedParticle, RunInfo, RunResult, StageTimes, StepReport, Task};
 use ::rerun::archetypes::Clear;
 use ::rerun::{
     Arrows2D, LineStrips2D, Points2D, RecordingStream, RecordingStreamResult, Scalars, TextDocument, TimeColumn,
@@ -32,6 +32,8 @@ const ENTRIES_EVERY: Duration = Duration::from_millis(300);
 /// [`layout::ABOUT`] as TOML.
 #[derive(Serialize, Deserialize)]
 pub(super) struct About {
+    /// What the run was for.
+    pub task: Task,
     /// Version of the program.
     pub version: String,
     /// Name of the log.
@@ -69,6 +71,7 @@ impl Recorder {
     ) -> RecordingStreamResult<Self> {
         layout::log_styles(&stream, root)?;
         let about = About {
+            task: info.task,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             log: info.log.clone(),
             device: info.device.clone(),
@@ -119,7 +122,17 @@ impl Recorder {
         let points = report.scan.points.iter().map(|&point| position(pose * point));
         stream.log(self.path(layout::SCAN_POINTS), &Points2D::new(points))?;
         stream.log(self.path(layout::PARTICLES), &self.particles(report.particles))?;
-        stream.log(self.path(layout::ROBOT), &arrow(pose))?;
+        let robot = match report.confidence {
+            Some(confidence) => arrow(pose).with_colors([layout::confidence_colour(confidence.is_located)]),
+            None => arrow(pose),
+        };
+        stream.log(self.path(layout::ROBOT), &robot)?;
+        if let Some(Confidence { weight, explained, .. }) = report.confidence {
+            stream.log(self.path(layout::CONFIDENCE), &Scalars::new([weight, explained]))?;
+            // On a scale of tens: they fall from a million to a few hundred.
+            let number = (report.particles.len().max(1) as f64).log10();
+            stream.log(self.path(layout::PARTICLE_COUNT), &Scalars::new([number]))?;
+        }
         self.trajectory.push(stream, pose)?;
         self.odometry.push(stream, world_from_odom * report.odom_from_robot)?;
         if self.map != report.map {

@@ -1,0 +1,42 @@
+//! The walls of a grid as line clusters.
+
+use super::{Cell, OccupancyGrid};
+use crate::clustering::{ClusteringConfig, cluster_points};
+use crate::map::matching::MatchingConfig;
+use crate::map::merging::{MergingConfig, consolidated};
+use crate::ppca::Cluster;
+use nalgebra::Point2;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Side of the squares that are clustered one by one \[m\]: each holds about as many points as a scan.
+const SQUARE: f64 = 4.0;
+
+/// The walls of a grid, in the world's frame: the occupied cells that border free ones, clustered like the points of a
+/// scan, square by square, and joined across the squares' borders.
+///
+/// `config` is that of a scan. Where a cell is wider than the thickness and gaps that it allows, a cell's width counts.
+/// A cluster's `count` is its number of cells.
+pub fn clusters(grid: &OccupancyGrid, config: &ClusteringConfig) -> Vec<Cluster> {
+    let mut squares: BTreeMap<[i64; 2], Vec<Point2<f64>>> = BTreeMap::new();
+    let cells_across = (SQUARE / grid.resolution()).ceil().max(1.0) as i64;
+    for [column, row] in grid.places(Cell::Occupied) {
+        let neighbours = [[column - 1, row], [column + 1, row], [column, row - 1], [column, row + 1]];
+        if neighbours.iter().any(|&[column, row]| grid.cell(column, row) == Cell::Free) {
+            let square = squares.entry([column / cells_across, row / cells_across]).or_default();
+            square.push(grid.centre(column, row));
+        }
+    }
+    let max_across = config.max_across.max(0.6 * grid.resolution());
+    let config = ClusteringConfig {
+        max_across,
+        noise: config.noise.max(grid.resolution() / 12_f64.sqrt()),
+        max_gap: config.max_gap.max(3.0 * grid.resolution()),
+        ..*config
+    };
+    let squares: Vec<Vec<Point2<f64>>> = squares.into_values().collect();
+    let pieces: Vec<Cluster> = squares.par_iter().flat_map(|points| cluster_points(points, &config).clusters).collect();
+    let default = MergingConfig::default();
+    let merging = MergingConfig { max_across: default.max_across.max(max_across), consolidate: true, ..default };
+    consolidated(&pieces, &MatchingConfig::default(), &merging)
+}

@@ -1,0 +1,444 @@
+//! Where is the robot in a map that is known? Adaptive Monte Carlo localisation.
+//!
+//! Without a prior, particles start all over the free area, a million of them if need be; every step moves and weighs them
+//! ([`Evaluator::advance`], eq. 17 and 18) in the one map that they share. Three things make it practical:
+//!
+//! - The number of particles follows the doubt (KLD sampling; D. Fox, "Adapting the sample size in particle filters through
+//!   KLD-sampling", IJRR 2003): as many as it takes to tell the bins apart that particles are found in, from the whole
+//!   free area down to a few hundred.
+//! - Where scans fit worse than they used to, particles from anywhere are mixed in (augmented MCL; S. Thrun, W. Burgard,
+//!   D. Fox, "Probabilistic Robotics", table 8.3), so that a robot that was carried away is found again.
+//! - The pose that is told is not the mean of the particles but the top of the posterior around their mode, climbed to in
+//!   the map as it is ([`Evaluator::propagate`]); and it is told only where the mode has nearly all of the weight and the map
+//!   explains the scan there.
+
+use crate::config::{Config, FilterConfig};
+use crate::evaluator::failover::Failover;
+use crate::evaluator::grouping::sort_by_place;
+use crate::evaluator::layout::{LikelihoodConfig, LocalPose, Tile, tiles};
+use crate::evaluator::symmetric::{Cholesky, packed};
+use crate::evaluator::table::ClusterTable;
+use crate::evaluator::{Advance, Evaluator, EvaluatorError, Propagation, Scene, Start, Weighed};
+use crate::filter::{effective_sample_size, normalised};
+use crate::geometry::Pose;
+use crate::grid::FreeArea;
+use crate::io::{LaserReading, LogEntry};
+use crate::map::{MapCluster, Pool, Slot};
+use crate::motion::Motion;
+use crate::ppca::Cluster;
+use crate::random::{Draw, bits, normals};
+use crate::record::{Confidence, ReportedParticle, StageTimes, StepReport};
+use crate::scan::Scan;
+use nalgebra::{Matrix3, Point2, Vector3};
+use serde::{Deserialize, Serialize};
+use std::collections::{HashMap, HashSet};
+use std::f64::consts::{PI, TAU};
+use web_time::Instant;
+
+/// How a robot is found in a known map.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LocalizationConfig {
+    /// Most particles.
+    pub max_particles: usize,
+    /// Fewest particles.
+    pub min_particles: usize,
+    /// KLD sampling: the divergence from the true distribution that is allowed ...
+    pub kld_error: f64,
+    /// ... with a probability whose standard normal quantile this is.
+    pub kld_quantile: f64,
+    /// Standard deviation of a wall while particles are weighed \[m\]: few particles come closer to the true pose.
+    pub sigma: f64,
+    /// Share by which the long memory of how well scans fit is renewed each step.
+    pub slow_memory: f64,
+    /// The same of the short memory.
+    pub fast_memory: f64,
+    /// The robot is located where one place has this share of the weight ...
+    pub located_weight: f64,
+    /// ... and the map explains this share of what it could explain of the scan at best.
+    pub located_explained: f64,
+}
+
+impl Default for LocalizationConfig {
+    fn default() -> Self {
+        Self {
+            max_particles: 100_000,
+            min_particles: 300,
+            kld_error: 0.05,
+            kld_quantile: 2.33,
+            sigma: 0.15,
+            slow_memory: 0.02,
+            fast_memory: 0.3,
+            located_weight: 0.95,
+            located_explained: 0.5,
+        }
+    }
+}
+
+/// A map to find the robot in.
+#[derive(Clone, Debug)]
+pub struct KnownMap {
+    /// Its walls, in the world's frame.
+    pub clusters: Vec<Cluster>,
+    /// Where the robot can be.
+    pub free: FreeArea,
+}
+
+/// Where the robot is believed to be at first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prior {
+    /// Most likely pose.
+    pub world_from_robot: Pose,
+    /// Standard deviation of its position \[m\].
+    pub position: f64,
+    /// Standard deviation of its heading \[rad\].
+    pub heading: f64,
+}
+
+/// What is known of the robot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The likeliest pose.
+    pub world_from_robot: Pose,
+    /// How far it can be relied on.
+    pub confidence: Confidence,
+}
+
+/// Where much of the weight is, in the evaluator's frame.
+struct Mode {
+    mean: Pose,
+    /// Of (forward, sideways, heading) in the frame of the mean.
+    covariance: Matrix3<f64>,
+    /// Share of all weight.
+    weight: f64,
+}
+
+/// The filter.
+#[derive(Debug)]
+pub struct Localization {
+    config: Config,
+    map: KnownMap,
+    prior: Option<Prior>,
+    table: ClusterTable,
+    /// Every cluster, for the one map that all particles share.
+    slots: [Vec<Slot>; 1],
+    evaluator: Failover,
+    particles: Vec<LocalPose>,
+    estimate: Option<Estimate>,
+    /// How well scans fit: long and short memory.
+    memory: Option<[f64; 2]>,
+    steps: u32,
+    /// The motion since the last step.
+    motion: Motion,
+    last_odometry: Option<Pose>,
+}
+
+/// Size of a bin of KLD sampling, and of the search for the mode \[m, m, rad\].
+const BIN: [f64; 3] = [0.5, 0.5, PI / 18.0];
+/// A mode is what lies this close around its mean \[m, rad\].
+const MODE: [f64; 2] = [1.0, 0.5];
+
+impl Localization {
+    /// A filter that has seen nothing. Without a prior the robot may be anywhere in the free area.
+    pub fn new(map: KnownMap, prior: Option<Prior>, config: Config, evaluator: Option<Box<dyn Evaluator>>) -> Self {
+        let likelihood = LikelihoodConfig { capture_sigma: config.localization.sigma, ..config.likelihood };
+        let mut pool = Pool::default();
+        let entry = |&cluster| MapCluster { cluster, last_step: 0, sightings: 1 };
+        let slots = map.clusters.iter().map(|cluster| pool.insert(entry(cluster))).collect();
+        let mut table = ClusterTable::new(likelihood);
+        // Particles may be anywhere, so the anchor is the middle of the map and stays there.
+        table.update(&mut pool, middle(&map.clusters));
+        let mut this = Self {
+            config,
+            map,
+            prior,
+            table,
+            slots: [slots],
+            evaluator: Failover::new(evaluator),
+            particles: Vec::new(),
+            estimate: None,
+            memory: None,
+            steps: 0,
+            motion: Motion::none(),
+            last_odometry: None,
+        };
+        this.particles = this.first_particles();
+        this
+    }
+
+    /// Why the CPU took over from the evaluator that the filter was given.
+    pub fn evaluator_failure(&self) -> Option<&EvaluatorError> {
+        self.evaluator.failure()
+    }
+
+    /// Where the robot is by the last step and odometry since; `None` before the first scan.
+    pub fn estimate(&self) -> Option<Estimate> {
+        let moved = |estimate: Estimate| Estimate {
+            world_from_robot: estimate.world_from_robot * self.motion.mean,
+            ..estimate
+        };
+        self.estimate.map(moved)
+    }
+
+    /// Takes in the next entry of a log, in the order of the log; reports where it led to a step.
+    pub fn add(&mut self, entry: &LogEntry, on_step: &mut dyn FnMut(&StepReport<'_>)) {
+        match entry {
+            LogEntry::Odometry { odom_from_robot, .. } => self.follow(*odom_from_robot),
+            LogEntry::Laser(reading) => {
+                self.follow(reading.odom_from_robot);
+                let FilterConfig { step_distance, step_turn, .. } = self.config.filter;
+                let moved = self.motion.mean;
+                if self.steps == 0 || moved.x.hypot(moved.y) >= step_distance || moved.heading.abs() >= step_turn {
+                    self.step(reading, on_step);
+                }
+            }
+            LogEntry::Truth { .. } => {}
+        }
+    }
+
+    fn follow(&mut self, odom_from_robot: Pose) {
+        if let Some(last) = self.last_odometry.replace(odom_from_robot) {
+            self.motion = self.motion.then(&Motion::from_odometry(last, odom_from_robot, &self.config.motion));
+        }
+    }
+
+    /// Moves, weighs and draws anew.
+    fn step(&mut self, reading: &LaserReading, on_step: &mut dyn FnMut(&StepReport<'_>)) {
+        let mut times = StageTimes::default();
+        let scan = Scan::from_reading(reading, self.config.scan.min_range, self.config.scan.max_range);
+        let tiles = tiles(&scan.points, self.config.likelihood.max_points);
+        let began = Instant::now();
+        let weighed = self.advance(&tiles);
+        times.weigh = began.elapsed().as_secs_f64();
+
+        let began = Instant::now();
+        let temper = self.config.likelihood.temper;
+        let log_weights: Vec<f64> = weighed.iter().map(|w| temper * f64::from(w.log_likelihood)).collect();
+        let weights = normalised(&log_weights);
+        let mode = self.mode(&weighed, &weights);
+        times.resample = began.elapsed().as_secs_f64();
+        let began = Instant::now();
+        let estimate = self.locate(&mode, &tiles);
+        times.propagate = began.elapsed().as_secs_f64();
+
+        let began = Instant::now();
+        let anywhere = self.remember(estimate.confidence.explained);
+        let (particles, parents) = self.resample(&weighed, &weights, anywhere);
+        self.particles = particles;
+        times.resample += began.elapsed().as_secs_f64();
+
+        let anchor = self.table.anchor();
+        let report = |(weighed, &weight): (&Weighed, &f64)| ReportedParticle {
+            world_from_robot: weighed.pose.in_world(anchor),
+            weight,
+        };
+        let particles: Vec<ReportedParticle> = weighed.iter().zip(&weights).map(report).collect();
+        let report = StepReport {
+            step: self.steps,
+            stamp: scan.stamp,
+            scan: &scan,
+            scan_clusters: &[],
+            odom_from_robot: reading.odom_from_robot,
+            world_from_robot: estimate.world_from_robot,
+            particles: &particles,
+            map: &self.map.clusters,
+            effective_sample_size: effective_sample_size(&weights),
+            resampled: true,
+            parents: &parents,
+            confidence: Some(estimate.confidence),
+            times,
+        };
+        on_step(&report);
+        self.estimate = Some(estimate);
+        self.motion = Motion::none();
+        self.steps += 1;
+    }
+
+    fn advance(&mut self, tiles: &[Tile]) -> Vec<Weighed> {
+        let Pose { x, y, heading } = self.motion.mean;
+        let how = Advance {
+            seed: self.config.seed,
+            step: self.steps,
+            motion: [x, y, heading].map(|number| number as f32),
+            noise: Cholesky::new(packed(&self.motion.covariance)).unwrap_or(Cholesky([0.0; 6])),
+        };
+        let scene = Scene { table: &self.table, tiles, maps: &self.slots };
+        let mut weighed = self.evaluator.advance(&scene, &how, &self.particles);
+        weighed.iter_mut().for_each(|weighed| weighed.pose.heading = crate::math::wrap(weighed.pose.heading));
+        weighed
+    }
+
+    /// Where most of the weight is, as a motion of the world: mean, covariance in the robot's frame, and share.
+    fn mode(&self, weighed: &[Weighed], weights: &[f64]) -> Mode {
+        let least = 1e-6 / weights.len() as f64;
+        let heavy = || weighed.iter().zip(weights).filter(|(_, weight)| **weight > least);
+        let mut bins: HashMap<[i32; 3], f64> = HashMap::new();
+        for (Weighed { pose, .. }, weight) in heavy() {
+            *bins.entry(bin(*pose)).or_default() += weight;
+        }
+        // Of equal bins always the same: the order of a hash map is not.
+        let heaviest = bins.into_iter().max_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+        let middle = heaviest.map_or([0.0; 3], |(bin, _)| std::array::from_fn(|i| (f64::from(bin[i]) + 0.5) * BIN[i]));
+        let mut mean = Pose::new(middle[0], middle[1], middle[2]);
+        let mut mode = Mode { mean, covariance: Matrix3::zeros(), weight: 0.0 };
+        // The bin may have cut the mode in two: its mean moves to where it is.
+        for _ in 0..3 {
+            let (mut weight, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
+            for (Weighed { pose, .. }, w) in heavy() {
+                let off = pose.in_world(Point2::origin()).seen_from(mean);
+                if off.x.hypot(off.y) < MODE[0] && off.heading.abs() < MODE[1] {
+                    let off = Vector3::new(off.x, off.y, off.heading);
+                    weight += w;
+                    first += off * *w;
+                    second += off * off.transpose() * *w;
+                }
+            }
+            if weight <= 0.0 {
+                break;
+            }
+            let off = first / weight;
+            let covariance = second / weight - off * off.transpose();
+            mean = mean * Pose::new(off.x, off.y, off.z);
+            mode = Mode { mean, covariance, weight };
+        }
+        mode
+    }
+
+    /// Climbs to the top of the posterior around a mode, and judges it.
+    fn locate(&mut self, mode: &Mode, tiles: &[Tile]) -> Estimate {
+        let mean = LocalPose::new(mode.mean, Point2::origin());
+        // As if the mode were no narrower than this: its few particles may lie in one place.
+        let covariance = mode.covariance + Matrix3::from_diagonal(&Vector3::new(0.05, 0.05, 0.02).map(|s: f64| s * s));
+        let information = covariance.try_inverse().unwrap_or_else(Matrix3::zeros);
+        let how = Propagation {
+            seed: self.config.seed,
+            step: self.steps,
+            draw: Draw::Tracking,
+            starts: &[Start { mean, prior: mean }],
+            particles_a_map: self.config.proposal.tracking_starts.max(1) as usize,
+            exact_first: true,
+            noise: Cholesky::new(packed(&covariance)).unwrap_or(Cholesky([0.0; 6])),
+            prior_information: packed(&information),
+            iterations: self.config.proposal.iterations.max(1),
+            spread: 0.0,
+        };
+        let reach = tiles.iter().map(Tile::reach).fold(0.0, f32::max) + how.longest_way();
+        let maps = [self.table.near(&self.slots[0], mean.x, mean.y, reach)];
+        let scene = Scene { table: &self.table, tiles, maps: &maps };
+        let modes = self.evaluator.propagate(&scene, &how).into_iter().map(|proposal| proposal.mode);
+        let best = modes.reduce(|a, b| if b.log_posterior > a.log_posterior { b } else { a }).unwrap_or_default();
+
+        let likelihood = &self.config.likelihood;
+        let points: u32 = tiles.iter().map(|tile| tile.count).sum();
+        // A point in the middle of a wall of the least thickness.
+        let at_best = -(TAU.sqrt() * likelihood.sigma_floor).ln();
+        let range = f64::from(points) * (at_best - likelihood.outlier_density.ln());
+        let gained = f64::from(best.log_likelihood) - f64::from(points) * likelihood.outlier_density.ln();
+        let explained = if range > 0.0 { (gained / range).clamp(0.0, 1.0) } else { 0.0 };
+        let LocalizationConfig { located_weight, located_explained, .. } = self.config.localization;
+        let is_located = mode.weight >= located_weight && explained >= located_explained;
+        let confidence = Confidence { weight: mode.weight, explained, is_located };
+        Estimate { world_from_robot: best.pose.in_world(self.table.anchor()), confidence }
+    }
+
+    /// Renews both memories; returns the share of particles that should come from anywhere.
+    fn remember(&mut self, explained: f64) -> f64 {
+        let LocalizationConfig { slow_memory, fast_memory, .. } = self.config.localization;
+        let [slow, fast] = self.memory.unwrap_or([explained; 2]);
+        let [slow, fast] = [slow + slow_memory * (explained - slow), fast + fast_memory * (explained - fast)];
+        self.memory = Some([slow, fast]);
+        if slow > 0.0 { (1.0 - fast / slow).max(0.0) } else { 0.0 }
+    }
+
+    /// KLD sampling: draws until there are enough particles for the bins that they are found in. Returns them with the
+    /// number of the particle that each was before.
+    fn resample(&self, weighed: &[Weighed], weights: &[f64], anywhere: f64) -> (Vec<LocalPose>, Vec<u32>) {
+        let mut cumulative = weights.to_vec();
+        cumulative.iter_mut().fold(0.0, |sum, weight| {
+            *weight += sum;
+            *weight
+        });
+        let total = cumulative.last().copied().unwrap_or(0.0);
+        let drawn = self.draw_enough(|number| {
+            let words = bits(self.config.seed, self.steps, number, Draw::Resample);
+            if fraction(words[0], 0) < anywhere {
+                return (self.anywhere(self.steps, number), u32::MAX);
+            }
+            let target = fraction(words[1], words[2]) * total;
+            let parent = cumulative.partition_point(|&sum| sum <= target).min(weighed.len() - 1);
+            (weighed[parent].pose, parent as u32)
+        });
+        drawn.into_iter().unzip()
+    }
+
+    /// Draws until there are enough particles for the bins that they are found in; neighbours lie close together.
+    fn draw_enough(&self, draw: impl Fn(u32) -> (LocalPose, u32)) -> Vec<(LocalPose, u32)> {
+        let LocalizationConfig { max_particles, min_particles, .. } = self.config.localization;
+        let mut bins: HashSet<[i32; 3]> = HashSet::new();
+        let mut drawn = Vec::new();
+        let mut enough = min_particles;
+        while drawn.len() < enough.min(max_particles) {
+            let one = draw(drawn.len() as u32);
+            if bins.insert(bin(one.0)) {
+                enough = self.enough_for(bins.len()).max(min_particles);
+            }
+            drawn.push(one);
+        }
+        sort_by_place(&mut drawn, |drawn| drawn.0);
+        drawn
+    }
+
+    /// So many particles keep the error of the distribution over `bins` bins below what is allowed (Fox 2003, eq. 7).
+    fn enough_for(&self, bins: usize) -> usize {
+        let LocalizationConfig { kld_error, kld_quantile, .. } = self.config.localization;
+        let others = bins.saturating_sub(1) as f64;
+        if others < 1.0 {
+            return 0;
+        }
+        let a = 2.0 / (9.0 * others);
+        let root = 1.0 - a + a.sqrt() * kld_quantile;
+        (others / (2.0 * kld_error) * root * root * root).ceil() as usize
+    }
+
+    /// Particles of the prior, as many as its bins take.
+    fn first_particles(&self) -> Vec<LocalPose> {
+        let place = |number: u32| match self.prior {
+            None => self.anywhere(u32::MAX, number),
+            Some(Prior { world_from_robot, position, heading }) => {
+                let [x, y, turn, _] = normals(self.config.seed, u32::MAX, number, Draw::Motion).map(f64::from);
+                let Pose { x: x0, y: y0, heading: heading0 } = world_from_robot;
+                let pose = Pose::new(x0 + position * x, y0 + position * y, heading0 + heading * turn);
+                LocalPose::new(pose, self.table.anchor())
+            }
+        };
+        self.draw_enough(|number| (place(number), number)).into_iter().map(|(pose, _)| pose).collect()
+    }
+
+    /// A pose anywhere in the free area.
+    fn anywhere(&self, step: u32, number: u32) -> LocalPose {
+        let words = bits(self.config.seed, step, number, Draw::Anywhere);
+        let position = self.map.free.sample([fraction(words[0], 0), fraction(words[1], 0)]);
+        let heading = TAU * fraction(words[2], 0) - PI;
+        LocalPose::new(Pose::new(position.x, position.y, heading), self.table.anchor())
+    }
+}
+
+/// The bin of a pose.
+fn bin(pose: LocalPose) -> [i32; 3] {
+    let at = [pose.x, pose.y, pose.heading].map(f64::from);
+    std::array::from_fn(|axis| (at[axis] / BIN[axis]).floor() as i32)
+}
+
+/// The middle of a box around all walls.
+fn middle(clusters: &[Cluster]) -> Pose {
+    let mut means = clusters.iter().map(|cluster| cluster.mean);
+    let first = means.next().unwrap_or_default();
+    let (low, high) = means.fold((first, first), |(low, high), mean| (low.inf(&mean), high.sup(&mean)));
+    let middle = nalgebra::center(&low, &high);
+    Pose::new(middle.x, middle.y, 0.0)
+}
+
+/// A number in [0, 1] of 64 random bits.
+fn fraction(high: u32, low: u32) -> f64 {
+    (f64::from(high) + f64::from(low) / 4_294_967_296.0) / 4_294_967_296.0
+}
