@@ -9,6 +9,7 @@ mod bench;
 mod devices;
 mod eval;
 mod interrupt;
+mod log;
 mod mapping;
 mod output;
 mod progress;

@@ -3,15 +3,15 @@
 use super::backend::{BackendArgs, Chosen};
 use super::eval::Report;
 use super::interrupt;
+use super::log::LogArgs;
 use super::mapping::{End, Mapped, map_log};
 use super::output::Outputs;
 use super::recording::RecordingArgs;
 use super::summary::Summary;
-use anyhow::{Context as _, anyhow, ensure};
+use anyhow::{Context as _, anyhow};
 use clap::ValueEnum;
 use ipslam::config::Config;
 use ipslam::geometry::StampedPose;
-use ipslam::io::carmen::CarmenLog;
 use ipslam::io::{LogSource, relations, tum};
 use ipslam::metrics::relations::relation_errors;
 use ipslam::metrics::trajectory::reference_errors;
@@ -21,11 +21,11 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Maps a log: writes trajectory, map, pictures and a summary.
+/// Maps a log: writes trajectory, map, pictures and a summary. Without a log, maps a simulated drive through the built-in building.
 #[derive(Debug, clap::Args)]
 pub struct RunArgs {
-    /// CARMEN log, plain or gzip; without one a simulated drive through the built-in building is mapped
-    log: Option<PathBuf>,
+    #[command(flatten)]
+    log: LogArgs,
     /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME OF THE LOG]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -166,11 +166,9 @@ impl RunArgs {
         Ok(config)
     }
 
+    /// Without a log, a simulated drive through the built-in building.
     fn source(&self) -> anyhow::Result<Box<dyn LogSource>> {
-        let Some(path) = &self.log else { return Ok(Box::new(Simulation::building(1))) };
-        let readable_twice = std::fs::metadata(path).map_or(true, |found| found.is_file() || found.is_dir());
-        ensure!(readable_twice, "{}: no file; a log is read twice, so save it to a file first", path.display());
-        Ok(Box::new(CarmenLog::new(path)))
+        Ok(self.log.source()?.unwrap_or_else(|| Box::new(Simulation::building(1))))
     }
 
     /// What to tell where there was no laser reading.
@@ -179,12 +177,12 @@ impl RunArgs {
             End::Interrupted => Ok(Vec::new()),
             End::BrokeOff(error) => Err(error.into()),
             End::Log | End::MaxScans => {
-                let log = self.log.as_deref().unwrap_or(Path::new("the simulation")).display();
+                let log = self.log.log.as_deref().unwrap_or(Path::new("the simulation")).display();
                 let malformed = mapped.stats.first_malformed.map_or_else(String::new, |first| {
                     format!("; malformed lines: {}; the first one: {first}", mapped.stats.malformed)
                 });
                 Err(anyhow!(
-                    "{log}: no laser reading in this log (FLASER, RLASER, ROBOTLASER1, RAWLASER1, ...), so there is \
+                    "{log}: no laser reading in this log (FLASER, RLASER, ROBOTLASER1, RAWLASER1, LaserScan, ...), so there is \
                      nothing to map{malformed}"
                 ))
             }
