@@ -40,24 +40,24 @@ pub(super) fn survey(path: &Path, topics: &Topics) -> Result<Plan, LogError> {
     let open_error = |source| LogError::Open { path: path.to_owned(), source };
     let mut records = Records::open(path).map_err(open_error)?;
     let mut found = Survey::default();
-    let mut messages = 0;
+    let (mut messages, mut first_damage) = (0, None);
     let broke_off = loop {
         match records.next() {
             Ok(Next::Message { channel, data }) => {
                 messages += 1;
                 found.add(&channel, &data);
             }
-            // The second pass counts and tells it.
-            Ok(Next::Damage(_)) => {}
+            // Where there is more, the second pass counts and tells it.
+            Ok(Next::Damage(reason)) => _ = first_damage.get_or_insert(reason),
             Ok(Next::End) => break None,
             Err(source) => break Some(source),
         }
     };
-    match broke_off {
-        Some(source) if found.topics.is_empty() => {
-            Err(LogError::Read { path: path.to_owned(), line: messages, source })
-        }
-        _ => found.plan(topics).map_err(|reason| LogError::Bag { path: path.to_owned(), reason }),
+    let bag_error = |reason| LogError::Bag { path: path.to_owned(), reason };
+    match (first_damage, broke_off) {
+        (Some(reason), _) if messages == 0 => Err(bag_error(format!("no message can be read; {reason}"))),
+        (None, Some(source)) if messages == 0 => Err(LogError::Read { path: path.to_owned(), line: 0, source }),
+        _ => found.plan(topics).map_err(bag_error),
     }
 }
 
