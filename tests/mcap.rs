@@ -63,11 +63,13 @@ fn read(log: &dyn LogSource) -> Outcome {
 
 impl Outcome {
     fn scans(&self) -> Vec<&LaserReading> {
-        let scan = |entry| match entry {
-            &LogEntry::Laser(ref reading) => Some(reading),
-            _ => None,
-        };
-        self.entries.iter().filter_map(scan).collect()
+        let mut scans = Vec::new();
+        for entry in &self.entries {
+            if let LogEntry::Laser(reading) = entry {
+                scans.push(reading);
+            }
+        }
+        scans
     }
 
     fn stamps(&self) -> Vec<f64> {

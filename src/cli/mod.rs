@@ -37,7 +37,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     #[command(after_help = EXIT_CODES)]
-    Run(run::RunArgs),
+    Run(Box<run::RunArgs>),
     #[command(after_help = EXIT_CODES)]
     Eval(eval::EvalArgs),
     #[command(after_help = EXIT_CODES)]

@@ -21,7 +21,8 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Maps a log: writes trajectory, map, pictures and a summary. Without a log, maps a simulated drive through the built-in building.
+/// Maps a log, or without one a simulated drive through the built-in building: writes trajectory, map, pictures and a
+/// summary.
 #[derive(Debug, clap::Args)]
 pub struct RunArgs {
     #[command(flatten)]

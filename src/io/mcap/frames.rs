@@ -62,7 +62,7 @@ impl Frames {
         let tilt = up.abs().min(1.0).acos();
         if tilt > MAX_TILT {
             return Err(format!(
-                "the laser `{laser:.50}` is tilted by {:.0}° against the plane of `{robot:.50}`; a level one is needed",
+                "the laser `{laser:.50}` is tilted by {:.0}° against the robot `{robot:.50}`; a level one is needed",
                 tilt.to_degrees()
             ));
         }

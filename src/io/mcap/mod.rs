@@ -9,11 +9,12 @@
 //! | `sensor_msgs/msg/LaserScan` | laser |
 //! | `nav_msgs/msg/Odometry` | odometry: the pose, seen from above |
 //! | `tf2_msgs/msg/TFMessage` on `tf_static` | mounting of the laser |
-//! | `tf2_msgs/msg/TFMessage` on other topics | odometry, where no topic has odometry messages: the transform from a frame whose name contains `odom` |
+//! | `tf2_msgs/msg/TFMessage` on other topics | odometry, where there are no odometry messages |
 //! | others | nothing, counted by topic |
 //!
 //! # Which topics
-//! Topics are found by type; where a bag has several of a type, [`Topics`] says which.
+//! Topics are found by type; where a bag has several of a type, [`Topics`] says which. Of transforms, odometry is the one
+//! from a frame whose name contains `odom` to the robot that carries the laser.
 //!
 //! # Where a laser is mounted
 //! The static transforms between the robot's frame (`child_frame_id` of the odometry) and the laser's (`frame_id` of
@@ -22,8 +23,8 @@
 //! is counted in [`LogStats::laser_without_mounting`]. Transforms that a bag repeats count as told last.
 //!
 //! # Odometry at a scan
-//! Between the messages before and after the stamp of the scan, position and heading go evenly; before the first message
-//! and after the last they stand still. A bag without odometry has the robot at the identity. See
+//! Between the messages before and after the stamp of the scan, position and heading change evenly; before the first
+//! message and after the last they stand still. A bag without odometry has the robot at the identity. See
 //! [`LogStats::laser_without_odometry`].
 //!
 //! # Ranges

@@ -121,8 +121,8 @@ impl Records {
     /// The next record outside of chunks; `None` where it is nothing to hand out.
     fn next_in_file(&mut self) -> io::Result<Option<Next>> {
         let (mut opcode, mut length) = ([0; 1], [0; 8]);
-        self.file.read_exact(&mut opcode)?;
-        self.file.read_exact(&mut length)?;
+        self.file.read_exact(&mut opcode).map_err(told)?;
+        self.file.read_exact(&mut length).map_err(told)?;
         let (opcode, length) = (opcode[0], u64::from_le_bytes(length));
         let start = self.consumed;
         self.consumed = start.saturating_add(9).saturating_add(length);
@@ -131,17 +131,17 @@ impl Records {
         }
         // Past its end a file can be sought to but not read.
         if opcode == 0 || self.consumed > self.length {
-            return Err(ErrorKind::UnexpectedEof.into());
+            return Err(cut_off());
         }
         let wanted = matches!(opcode, SCHEMA | CHANNEL | MESSAGE | CHUNK);
         if !wanted || length > MAX_RECORD {
-            self.file.seek_relative(i64::try_from(length).map_err(|_| ErrorKind::UnexpectedEof)?)?;
+            self.file.seek_relative(i64::try_from(length).map_err(|_| cut_off())?)?;
             let too_long = || Next::Damage(format!("the record at byte {start} is longer than {MAX_RECORD} bytes"));
             return Ok(wanted.then(too_long));
         }
         let mut body = Vec::new();
         if self.file.by_ref().take(length).read_to_end(&mut body)? as u64 != length {
-            return Err(ErrorKind::UnexpectedEof.into());
+            return Err(cut_off());
         }
         if opcode != CHUNK {
             return Ok(self.understand(opcode, &body));
@@ -196,6 +196,15 @@ impl Records {
             None => Next::Damage(format!("a message of channel {id}, which the file does not declare")),
         })
     }
+}
+
+fn cut_off() -> io::Error {
+    io::Error::new(ErrorKind::UnexpectedEof, "the bag was cut off before its end")
+}
+
+/// The same error, but for the end of the file.
+fn told(error: io::Error) -> io::Error {
+    if error.kind() == ErrorKind::UnexpectedEof { cut_off() } else { error }
 }
 
 /// The records of a chunk: `start_time end_time uncompressed_size uncompressed_crc compression size records`.
