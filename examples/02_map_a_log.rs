@@ -1,10 +1,10 @@
 //! A log in, a map out: `cargo run --release --example 02_map_a_log [LOG]`.
 //!
-//! Maps a CARMEN log, or a simulated drive where none is given; prints the longest walls and writes `map.svg`.
+//! Maps a CARMEN log or a ROS 2 bag, or a simulated drive where none is given; prints the longest walls and writes `map.svg`.
 
 use ipslam::config::Config;
-use ipslam::io::carmen::CarmenLog;
-use ipslam::io::{LogSource, write_whole};
+use ipslam::io::mcap::Topics;
+use ipslam::io::{LogSource, open_log, write_whole};
 use ipslam::picture::{Line, Picture};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
@@ -13,7 +13,7 @@ use std::path::Path;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let log: Box<dyn LogSource> = match std::env::args_os().nth(1) {
-        Some(path) => Box::new(CarmenLog::new(path)),
+        Some(path) => open_log(path, &Topics::default())?,
         None => Box::new(Simulation::building(1)),
     };
     let config = Config { particles: 32, maps: 32, ..Config::default() };

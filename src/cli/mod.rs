@@ -10,6 +10,7 @@ mod configuration;
 mod devices;
 mod eval;
 mod interrupt;
+mod log;
 mod mapping;
 mod output;
 mod progress;
@@ -40,7 +41,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     #[command(after_help = EXIT_CODES)]
-    Run(run::RunArgs),
+    Run(Box<run::RunArgs>),
     #[command(after_help = EXIT_CODES)]
     Replay(replay::ReplayArgs),
     #[command(after_help = EXIT_CODES)]

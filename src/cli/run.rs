@@ -3,16 +3,16 @@
 use super::backend::{BackendArgs, Chosen};
 use super::configuration::ConfigArgs;
 use super::interrupt;
+use super::log::LogArgs;
 use super::mapping::{End, Mapped, map_log};
 use super::output::Outputs;
 use super::recording::RecordingArgs;
 use super::summary::Summary;
 use super::truth::{Truth, TruthArgs};
-use anyhow::{Context as _, anyhow, ensure};
+use anyhow::{Context as _, anyhow};
 use ipslam::config::Config;
 use ipslam::evaluator::Evaluator;
 use ipslam::io::LogSource;
-use ipslam::io::carmen::CarmenLog;
 use ipslam::record::{Observer, RunInfo, Task};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
@@ -20,11 +20,12 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Maps a log: writes trajectory, map, pictures and a summary.
+/// Maps a log, or without one a simulated drive through the built-in building: writes trajectory, map, pictures and a
+/// summary.
 #[derive(Debug, clap::Args)]
 pub struct RunArgs {
-    /// CARMEN log, plain or gzip; without one a simulated drive through the built-in building is mapped
-    log: Option<PathBuf>,
+    #[command(flatten)]
+    log: LogArgs,
     /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME OF THE LOG]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -142,11 +143,9 @@ impl Job<'_> {
 }
 
 impl RunArgs {
+    /// Without a log, a simulated drive through the built-in building.
     fn source(&self) -> anyhow::Result<Box<dyn LogSource>> {
-        let Some(path) = &self.log else { return Ok(Box::new(Simulation::building(1))) };
-        let readable_twice = std::fs::metadata(path).map_or(true, |found| found.is_file() || found.is_dir());
-        ensure!(readable_twice, "{}: no file; a log is read twice, so save it to a file first", path.display());
-        Ok(Box::new(CarmenLog::new(path)))
+        Ok(self.log.source()?.unwrap_or_else(|| Box::new(Simulation::building(1))))
     }
 
     /// Where there was no laser reading: what to tell.
@@ -156,12 +155,12 @@ impl RunArgs {
             End::Interrupted => Ok(()),
             End::BrokeOff(error) => Err(anyhow!("{error}")),
             End::Log | End::MaxScans => {
-                let log = self.log.as_deref().unwrap_or(Path::new("the simulation")).display();
+                let log = self.log.log.as_deref().unwrap_or(Path::new("the simulation")).display();
                 let malformed = mapped.stats.first_malformed.as_ref().map_or_else(String::new, |first| {
                     format!("; malformed lines: {}; the first one: {first}", mapped.stats.malformed)
                 });
                 Err(anyhow!(
-                    "{log}: no laser reading in this log (FLASER, RLASER, ROBOTLASER1, RAWLASER1, ...), so there is \
+                    "{log}: no laser reading in this log (FLASER, RLASER, ROBOTLASER1, RAWLASER1, LaserScan, ...), so there is \
                      nothing to map{malformed}"
                 ))
             }

@@ -67,7 +67,17 @@ impl Summary<'_> {
             all if all == stats.laser => {
                 warnings.push("no odometry at all: the map is made by matching scans alone".to_owned());
             }
-            some => warnings.push(format!("scans before any odometry: {some}; they were taken to be where it starts")),
+            some => warnings.push(format!(
+                "scans before any odometry, or in a bag more than 1 s from it: {some}; they were taken to be where it starts \
+                 or is nearest"
+            )),
+        }
+        if stats.laser_without_mounting > 0 {
+            warnings.push(
+                "the bag does not tell where the laser is mounted (no chain of transforms on /tf_static): it was taken to be \
+                 at the robot's origin and to look forward"
+                    .to_owned(),
+            );
         }
         if stats.backward_stamps > 0 {
             let count = stats.backward_stamps;

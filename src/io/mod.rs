@@ -1,4 +1,4 @@
-//! Files in and out: one file a format behind one small reader.
+//! Files in and out: one file a format behind one small reader. [`open_log`] finds the reader for a log by its content.
 //!
 //! A log is a sequence of [`LogEntry`]s in the order in which they were recorded. Stamps may go backwards in it (the
 //! recorders of public logs stamped some messages late), so the order of the lines is the true order and a stamp is
@@ -11,8 +11,12 @@ use std::path::{Path, PathBuf};
 pub mod carmen;
 mod columns;
 pub mod map_json;
+pub mod mcap;
+mod open;
 pub mod relations;
 pub mod tum;
+
+pub use open::open_log;
 
 /// One entry of a log.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,22 +61,65 @@ pub struct LaserReading {
 /// What a reader met besides the entries that it handed out.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct LogStats {
-    /// Lines read, comments included.
+    /// Lines read, comments included; messages, where the log is a bag.
     pub lines: u64,
     /// Laser readings handed out.
     pub laser: u64,
     /// Odometry entries handed out.
     pub odometry: u64,
-    /// Messages of other kinds, by name.
+    /// Messages of other kinds, by name; by topic, where the log is a bag.
     pub skipped: std::collections::BTreeMap<String, u64>,
-    /// Lines that could not be read and were left out.
+    /// Lines, or messages and chunks of a bag, that could not be read and were left out.
     pub malformed: u64,
     /// The first of these: what was wrong with it, with file and line.
     pub first_malformed: Option<String>,
-    /// Laser readings that came before any odometry; they carry the identity pose.
+    /// Laser readings that came before any odometry; they carry the identity pose. In a bag, also those more than a
+    /// second from the nearest odometry; where there is any, they carry the nearest.
     pub laser_without_odometry: u64,
+    /// Laser readings of a bag that does not tell where the laser is mounted; it is taken to be at the robot's origin
+    /// and to look forward.
+    pub laser_without_mounting: u64,
     /// Stamps lower than the one before.
     pub backward_stamps: u64,
+}
+
+/// Names of skipped messages that are counted apart; a damaged file could hold any number.
+const MAX_SKIPPED_NAMES: usize = 64;
+/// Under this name the others are counted.
+const OTHER_NAMES: &str = "(others)";
+
+impl LogStats {
+    /// Counts an entry that is handed out; `last_stamp` is that of the entry before.
+    fn add(&mut self, entry: &LogEntry, last_stamp: &mut f64) {
+        let stamp = match entry {
+            LogEntry::Odometry { stamp, .. } => {
+                self.odometry += 1;
+                *stamp
+            }
+            LogEntry::Laser(reading) => {
+                self.laser += 1;
+                reading.stamp
+            }
+            LogEntry::Truth { stamp, .. } => *stamp,
+        };
+        self.backward_stamps += u64::from(stamp < *last_stamp);
+        *last_stamp = stamp;
+    }
+
+    /// Counts what was left out at the last line read.
+    fn add_malformed(&mut self, path: &Path, reason: String) {
+        self.malformed += 1;
+        if self.first_malformed.is_none() {
+            let error = LogError::Line { path: path.to_owned(), line: self.lines, reason };
+            self.first_malformed = Some(error.to_string());
+        }
+    }
+
+    fn add_skipped(&mut self, name: &str) {
+        let skipped = &mut self.skipped;
+        let name = if skipped.len() < MAX_SKIPPED_NAMES || skipped.contains_key(name) { name } else { OTHER_NAMES };
+        *skipped.entry(name.to_owned()).or_default() += 1;
+    }
 }
 
 /// A log that can be read from its start any number of times.
@@ -112,7 +159,7 @@ pub enum LogError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Lines read before.
+        /// Lines, or messages of a bag, read before.
         line: u64,
         /// What the system or the decompressor said.
         source: std::io::Error,
@@ -132,9 +179,17 @@ pub enum LogError {
     Line {
         /// The file.
         path: PathBuf,
-        /// Line number, from 1.
+        /// Line number, from 1; in a bag, number of the message.
         line: u64,
         /// What is wrong with it, with the field's name.
+        reason: String,
+    },
+    /// A bag holds no log, or it is not clear which of its topics make one.
+    #[error("{path}: {reason}")]
+    Bag {
+        /// The file or folder.
+        path: PathBuf,
+        /// What is not clear, with what the bag holds and the option that chooses.
         reason: String,
     },
 }

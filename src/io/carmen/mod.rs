@@ -48,10 +48,6 @@ pub use write::CarmenWriter;
 
 /// A file without a CARMEN message in so many lines that are neither blank nor comments is no CARMEN log.
 const LINES_TO_RECOGNISE: u64 = 1000;
-/// Names of skipped messages that are counted apart; a damaged file could hold any number.
-const MAX_SKIPPED_NAMES: usize = 64;
-/// Under this name the others are counted.
-const OTHER_NAMES: &str = "(others)";
 
 const EXPECTED: &str = "a CARMEN log is needed: text, plain or gzip, one message a line (FLASER, RLASER, ROBOTLASER1, \
                         RAWLASER1, ODOM, ...); give such a file or convert this one";
@@ -168,9 +164,12 @@ impl CarmenReader {
                 }
             };
             match understood {
-                Ok(Some(entry)) => return Ok(Some(self.count(entry))),
+                Ok(Some(entry)) => {
+                    self.stats.add(&entry, &mut self.last_stamp);
+                    return Ok(Some(entry));
+                }
                 Ok(None) => {}
-                Err(reason) => self.count_malformed(reason),
+                Err(reason) => self.stats.add_malformed(&self.path, reason),
             }
         }
     }
@@ -208,7 +207,7 @@ impl CarmenReader {
                 Ok(None)
             }
             Message::Other(name) => {
-                self.count_skipped(&String::from_utf8_lossy(name));
+                self.stats.add_skipped(&String::from_utf8_lossy(name));
                 Ok(None)
             }
             Message::OtherParam => Ok(None),
@@ -223,7 +222,7 @@ impl CarmenReader {
             }
             Some(poses) => (poses.odom_from_robot, poses.odom_from_laser.seen_from(poses.odom_from_robot)),
             None if self.posed[sweep.laser] => {
-                self.count_skipped(&format!("RAWLASER{}", sweep.laser + 1));
+                self.stats.add_skipped(&format!("RAWLASER{}", sweep.laser + 1));
                 return Ok(None);
             }
             None => (self.odom_from_robot.unwrap_or(Pose::IDENTITY), mounting.robot_from_laser),
@@ -256,37 +255,6 @@ impl CarmenReader {
             Setting::Heading => mounting.robot_from_laser.heading = param.value,
             Setting::MaxRange => mounting.max_range = parse::known_range(param.value),
         }
-    }
-
-    fn count(&mut self, entry: LogEntry) -> LogEntry {
-        let stamp = match &entry {
-            LogEntry::Odometry { stamp, .. } => {
-                self.stats.odometry += 1;
-                *stamp
-            }
-            LogEntry::Laser(reading) => {
-                self.stats.laser += 1;
-                reading.stamp
-            }
-            LogEntry::Truth { stamp, .. } => *stamp,
-        };
-        self.stats.backward_stamps += u64::from(stamp < self.last_stamp);
-        self.last_stamp = stamp;
-        entry
-    }
-
-    fn count_malformed(&mut self, reason: String) {
-        self.stats.malformed += 1;
-        if self.stats.first_malformed.is_none() {
-            let error = LogError::Line { path: self.path.clone(), line: self.stats.lines, reason };
-            self.stats.first_malformed = Some(error.to_string());
-        }
-    }
-
-    fn count_skipped(&mut self, name: &str) {
-        let skipped = &mut self.stats.skipped;
-        let name = if skipped.len() < MAX_SKIPPED_NAMES || skipped.contains_key(name) { name } else { OTHER_NAMES };
-        *skipped.entry(name.to_owned()).or_default() += 1;
     }
 }
 

@@ -1,0 +1,30 @@
+//! Which log to read, as the commands that read one let the user choose it.
+
+use anyhow::ensure;
+use ipslam::io::mcap::Topics;
+use ipslam::io::{LogSource, open_log};
+use std::path::PathBuf;
+
+/// A log and, where it is a bag, which of its topics.
+#[derive(Debug, clap::Args)]
+pub struct LogArgs {
+    /// CARMEN log, plain or gzip, or ROS 2 bag: an MCAP file or its folder
+    pub log: Option<PathBuf>,
+    /// Topic of the laser scans in a bag [default: the only one]
+    #[arg(long, value_name = "TOPIC", requires = "log")]
+    scan_topic: Option<String>,
+    /// Topic of the odometry in a bag: odometry messages or transforms [default: the only odometry, or else /tf]
+    #[arg(long, value_name = "TOPIC", requires = "log")]
+    odom_topic: Option<String>,
+}
+
+impl LogArgs {
+    /// The log; `None` where none was named.
+    pub fn source(&self) -> anyhow::Result<Option<Box<dyn LogSource>>> {
+        let Some(path) = &self.log else { return Ok(None) };
+        let readable_twice = std::fs::metadata(path).map_or(true, |found| found.is_file() || found.is_dir());
+        ensure!(readable_twice, "{}: no file; a log is read twice, so save it to a file first", path.display());
+        let topics = Topics { scan: self.scan_topic.clone(), odometry: self.odom_topic.clone() };
+        Ok(Some(open_log(path, &topics)?))
+    }
+}

@@ -1,0 +1,295 @@
+//! ROS 2 bags in MCAP files (`.mcap`), with chunks packed by zstd, lz4 or not at all.
+//!
+//! In: a file. Out: its odometry and laser sweeps as [`LogEntry`]s in the order of their stamps, metres, radians and
+//! seconds, stamped with the messages' `header.stamp`. Messages and chunks that cannot be read are left out and counted
+//! in [`LogStats`]. A bag that was cut off is read as far as it goes, and then ends with [`LogError::Read`].
+//!
+//! | Message | Becomes |
+//! |---|---|
+//! | `sensor_msgs/msg/LaserScan` | laser |
+//! | `nav_msgs/msg/Odometry` | odometry: the pose, seen from above |
+//! | `tf2_msgs/msg/TFMessage` on `tf_static` | mounting of the laser |
+//! | `tf2_msgs/msg/TFMessage` on other topics | odometry, where there are no odometry messages |
+//! | others | nothing, counted by topic |
+//!
+//! # Which topics
+//! Topics are found by type; where a bag has several of a type, [`Topics`] says which. Of transforms, odometry is the one
+//! from a frame whose name contains `odom` to the robot that carries the laser.
+//!
+//! # Where a laser is mounted
+//! The static transforms between the robot's frame (`child_frame_id` of the odometry) and the laser's (`frame_id` of
+//! the scan), any number of them, seen from above. A laser upside down has its angles mirrored; one tilted by more than
+//! 20° is refused. Where the transforms do not join the two, the laser sits at the robot's origin, looks forward, and
+//! is counted in [`LogStats::laser_without_mounting`]. Transforms that a bag repeats count as told last.
+//!
+//! # Odometry at a scan
+//! Between the messages before and after the stamp of the scan, position and heading change evenly; before the first
+//! message and after the last they stand still. A bag without odometry has the robot at the identity. See
+//! [`LogStats::laser_without_odometry`].
+//!
+//! # Ranges
+//! Ranges below `range_min` become NaN; `range_max` is the maximum range.
+
+use super::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
+use crate::geometry::{Pose, wrap_angle};
+use frames::Mounting;
+use messages::{LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
+use records::{Channel, Next, Records};
+use std::collections::VecDeque;
+use std::path::PathBuf;
+use std::sync::Arc;
+use survey::{OdometrySource, Plan, is_static, survey};
+
+mod frames;
+mod messages;
+mod records;
+mod survey;
+
+pub(super) use records::MAGIC;
+
+/// Scans that wait for odometry, and odometry that waits for scans, at most: the one comes without the other.
+const MAX_WAITING_SCANS: usize = 256;
+const MAX_WAITING_ODOMETRY: usize = 1 << 14;
+/// No laser has more; bounds the memory of the scans that wait.
+const MAX_BEAMS: usize = 1 << 16;
+/// Odometry further from a scan than this tells little about it \[ns\].
+const ODOMETRY_REACH: i64 = 1_000_000_000;
+
+/// Which topics of a bag to read; without a name the only one of its type.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Topics {
+    /// Topic of the laser scans.
+    pub scan: Option<String>,
+    /// Topic of the odometry: of odometry messages or of transforms.
+    pub odometry: Option<String>,
+}
+
+/// The log in an MCAP file.
+#[derive(Clone, Debug)]
+pub struct McapLog {
+    path: PathBuf,
+    plan: Arc<Plan>,
+}
+
+impl McapLog {
+    /// The log in this file, which is read once to find its topics and where its laser is mounted.
+    ///
+    /// # Errors
+    /// The file cannot be opened or is no MCAP file ([`LogError::Open`]), breaks off before its first message
+    /// ([`LogError::Read`]), or has no scans, several choices of topics, or a tilted laser ([`LogError::Bag`]).
+    pub fn new(path: impl Into<PathBuf>, topics: &Topics) -> Result<Self, LogError> {
+        let path = path.into();
+        let plan = Arc::new(survey(&path, topics)?);
+        Ok(Self { path, plan })
+    }
+}
+
+impl LogSource for McapLog {
+    fn name(&self) -> String {
+        self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
+    fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
+        let open_error = |source| LogError::Open { path: self.path.clone(), source };
+        Ok(Box::new(McapReader {
+            path: self.path.clone(),
+            plan: Arc::clone(&self.plan),
+            records: Records::open(&self.path).map_err(open_error)?,
+            odometry: VecDeque::new(),
+            scans: VecDeque::new(),
+            last_odometry: None,
+            broke_off: None,
+            drained: false,
+            ended: false,
+            last_stamp: f64::NEG_INFINITY,
+            stats: LogStats::default(),
+        }))
+    }
+}
+
+/// Where odometry believes the robot to be, at a stamp \[ns\].
+#[derive(Clone, Copy, Debug)]
+struct StampedOdometry {
+    stamp: i64,
+    odom_from_robot: Pose,
+}
+
+/// The entries of a bag.
+///
+/// Scans arrive later than odometry of the same stamp, and odometry after a scan is needed for it. So each waits until
+/// the other has come as far.
+#[derive(Debug)]
+struct McapReader {
+    path: PathBuf,
+    plan: Arc<Plan>,
+    records: Records,
+    /// Odometry that was read and not handed out, in the order of the file.
+    odometry: VecDeque<StampedOdometry>,
+    /// Scans that were read and not handed out, with their stamps \[ns\], without odometry.
+    scans: VecDeque<(i64, LaserReading)>,
+    /// The last odometry that was handed out.
+    last_odometry: Option<StampedOdometry>,
+    /// Why nothing more can be read.
+    broke_off: Option<std::io::Error>,
+    /// Nothing more is to be read.
+    drained: bool,
+    ended: bool,
+    last_stamp: f64,
+    stats: LogStats,
+}
+
+impl McapReader {
+    /// The next entry; `None` at the end of the log.
+    fn next_entry(&mut self) -> Result<Option<LogEntry>, LogError> {
+        loop {
+            if let Some(entry) = self.ready() {
+                self.stats.add(&entry, &mut self.last_stamp);
+                return Ok(Some(entry));
+            }
+            if self.drained {
+                let (path, line) = (self.path.clone(), self.stats.lines);
+                return self.broke_off.take().map_or(Ok(None), |source| Err(LogError::Read { path, line, source }));
+            }
+            match self.records.next() {
+                Ok(Next::Message { channel, data }) => {
+                    self.stats.lines += 1;
+                    if let Err(reason) = self.take(&channel, &data) {
+                        self.stats.add_malformed(&self.path, format!("{:.100}: {reason}", channel.topic));
+                    }
+                }
+                Ok(Next::Damage(reason)) => self.stats.add_malformed(&self.path, reason),
+                Ok(Next::End) => self.drained = true,
+                Err(source) => {
+                    self.drained = true;
+                    self.broke_off = Some(source);
+                }
+            }
+        }
+    }
+
+    /// Lets a message wait for its turn; `Err` tells why it is malformed.
+    fn take(&mut self, channel: &Channel, data: &[u8]) -> Result<(), String> {
+        let plan = Arc::clone(&self.plan);
+        match &plan.odometry {
+            OdometrySource::Messages { topic } if *topic == channel.topic && channel.schema == ODOMETRY => {
+                let message: Odometry = messages::decode(data)?;
+                let (stamp, odom_from_robot) = (message.header.stamp()?, message.pose.pose()?);
+                self.odometry.push_back(StampedOdometry { stamp, odom_from_robot });
+            }
+            OdometrySource::Transforms { odom, robot }
+                if channel.schema == TRANSFORMS && !is_static(&channel.topic) =>
+            {
+                let message: Transforms = messages::decode(data)?;
+                for stamped in &message.transforms {
+                    if stamped.header.frame() == odom && stamped.child_frame() == robot {
+                        let (stamp, odom_from_robot) = (stamped.header.stamp()?, stamped.transform.pose()?);
+                        self.odometry.push_back(StampedOdometry { stamp, odom_from_robot });
+                    }
+                }
+            }
+            _ if channel.topic == plan.scan_topic && channel.schema == LASER_SCAN => {
+                let message: LaserScan = messages::decode(data)?;
+                let stamp = message.header.stamp()?;
+                self.scans.push_back((stamp, reading(stamp, &message, plan.mounting)?));
+            }
+            _ if channel.schema == TRANSFORMS && is_static(&channel.topic) => {}
+            _ => self.stats.add_skipped(&channel.topic),
+        }
+        Ok(())
+    }
+
+    /// The earliest entry that waits, if nothing can come before it and all that it needs is there.
+    fn ready(&mut self) -> Option<LogEntry> {
+        let no_scan_comes = self.drained || self.odometry.len() > MAX_WAITING_ODOMETRY;
+        let no_odometry_comes = self.drained
+            || self.scans.len() > MAX_WAITING_SCANS
+            || matches!(self.plan.odometry, OdometrySource::Nowhere);
+        let scan_is_next = match (self.odometry.front(), self.scans.front()) {
+            (Some(odometry), Some((stamp, _))) => *stamp < odometry.stamp,
+            (Some(_), None) if no_scan_comes => false,
+            (None, Some(_)) if no_odometry_comes => true,
+            _ => return None,
+        };
+        if scan_is_next {
+            let (stamp, mut reading) = self.scans.pop_front()?;
+            reading.odom_from_robot = self.odometry_at(stamp);
+            self.stats.laser_without_mounting += u64::from(self.plan.mounting.is_none());
+            return Some(LogEntry::Laser(reading));
+        }
+        let odometry = self.odometry.pop_front()?;
+        self.last_odometry = Some(odometry);
+        Some(LogEntry::Odometry { stamp: seconds(odometry.stamp), odom_from_robot: odometry.odom_from_robot })
+    }
+
+    /// Where the robot was at the stamp of a scan that comes after all odometry handed out and before all that waits.
+    fn odometry_at(&mut self, stamp: i64) -> Pose {
+        let (before, after) = (self.last_odometry, self.odometry.front().copied());
+        let is_near = |odometry: &StampedOdometry| odometry.stamp.abs_diff(stamp) <= ODOMETRY_REACH.unsigned_abs();
+        let some_is_near = before.is_some() && before.iter().chain(&after).any(is_near);
+        self.stats.laser_without_odometry += u64::from(!some_is_near);
+        match (before, after) {
+            (None, None) => Pose::IDENTITY,
+            (Some(only), None) | (None, Some(only)) => only.odom_from_robot,
+            (Some(before), Some(after)) => between(before, after, stamp),
+        }
+    }
+}
+
+impl Iterator for McapReader {
+    type Item = Result<LogEntry, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.ended {
+            return None;
+        }
+        let entry = self.next_entry().transpose();
+        self.ended = !matches!(entry, Some(Ok(_)));
+        entry
+    }
+}
+
+impl LogReader for McapReader {
+    fn stats(&self) -> &LogStats {
+        &self.stats
+    }
+
+    fn progress(&self) -> Option<(u64, u64)> {
+        Some((self.records.consumed(), self.records.length))
+    }
+}
+
+/// The sweep that a message tells, seen by the robot that carries the laser; its odometry comes later.
+fn reading(stamp: i64, message: &LaserScan, mounting: Option<Mounting>) -> Result<LaserReading, String> {
+    let beams = message.ranges.len();
+    if beams == 0 || beams > MAX_BEAMS {
+        return Err(format!("it has {beams} ranges, not 1 to {MAX_BEAMS}"));
+    }
+    let (first_angle, angle_step) = (f64::from(message.angle_min), f64::from(message.angle_increment));
+    if !first_angle.is_finite() || !angle_step.is_finite() || (angle_step == 0.0 && beams > 1) {
+        return Err(format!("its angles cannot be: angle_min {first_angle}, angle_increment {angle_step}"));
+    }
+    let Mounting { robot_from_laser, upside_down } =
+        mounting.unwrap_or(Mounting { robot_from_laser: Pose::IDENTITY, upside_down: false });
+    let side = if upside_down { -1.0 } else { 1.0 };
+    let valid = |&range: &f32| if range < message.range_min { f64::NAN } else { f64::from(range) };
+    Ok(LaserReading {
+        stamp: seconds(stamp),
+        odom_from_robot: Pose::IDENTITY,
+        robot_from_laser,
+        first_angle: side * first_angle,
+        angle_step: side * angle_step,
+        max_range: if message.range_max > 0.0 { f64::from(message.range_max) } else { f64::INFINITY },
+        ranges: message.ranges.iter().map(valid).collect(),
+    })
+}
+
+/// The pose on an even way from one to the other.
+fn between(before: StampedOdometry, after: StampedOdometry, stamp: i64) -> Pose {
+    let (from, to) = (before.odom_from_robot, after.odom_from_robot);
+    if stamp <= before.stamp {
+        return from;
+    }
+    let share = (stamp - before.stamp) as f64 / (after.stamp - before.stamp) as f64;
+    let turn = wrap_angle(to.heading - from.heading);
+    Pose::new(from.x + share * (to.x - from.x), from.y + share * (to.y - from.y), from.heading + share * turn)
+}

@@ -1,0 +1,263 @@
+//! The records of an MCAP file: which topics there are, and their messages in the order of the file.
+//!
+//! Of the [format](https://mcap.dev/spec) this reads schemas, channels, messages and chunks of messages, up to the end
+//! of the data section; the summary behind it repeats what was read. No size that a file tells is taken at its word:
+//! memory grows with the bytes that are really there, up to a limit.
+
+use crc32fast::hash as crc32;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufReader, ErrorKind, Read};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Every MCAP file begins with these bytes.
+pub(in crate::io) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
+
+/// Longer records are not kept, and larger chunks not unpacked \[bytes\]; ROS 2 writes chunks of less than 1 MB.
+const MAX_RECORD: u64 = 256 << 20;
+
+const SCHEMA: u8 = 0x03;
+const CHANNEL: u8 = 0x04;
+const MESSAGE: u8 = 0x05;
+const CHUNK: u8 = 0x06;
+const DATA_END: u8 = 0x0f;
+
+/// A topic, as a file declares it.
+#[derive(Debug)]
+pub(super) struct Channel {
+    pub(super) topic: String,
+    /// Type of the messages: `sensor_msgs/msg/LaserScan`.
+    pub(super) schema: String,
+    /// How the messages are written: `cdr`.
+    pub(super) encoding: String,
+}
+
+/// What comes next in a file.
+#[derive(Debug)]
+pub(super) enum Next {
+    Message {
+        channel: Arc<Channel>,
+        data: Vec<u8>,
+    },
+    /// Something that was left out, and why.
+    Damage(String),
+    /// The end of the data.
+    End,
+}
+
+/// An MCAP file that is being read.
+#[derive(Debug)]
+pub(super) struct Records {
+    file: BufReader<File>,
+    /// Bytes of the file before the record that comes next, and of the whole file.
+    consumed: u64,
+    pub(super) length: u64,
+    schemas: BTreeMap<u16, String>,
+    channels: BTreeMap<u16, Arc<Channel>>,
+    /// The chunk that is being read, unpacked, and how much of it was read.
+    chunk: Vec<u8>,
+    chunk_consumed: usize,
+}
+
+impl Records {
+    /// Opens a file; what does not begin with [`MAGIC`] is [`ErrorKind::InvalidData`].
+    pub(super) fn open(path: &Path) -> io::Result<Self> {
+        let file = File::open(path)?;
+        let length = file.metadata()?.len();
+        let mut file = BufReader::with_capacity(1 << 16, file);
+        let mut magic = [0; MAGIC.len()];
+        if file.read_exact(&mut magic).is_err() || magic != MAGIC {
+            return Err(io::Error::new(ErrorKind::InvalidData, "it does not begin as MCAP files do"));
+        }
+        Ok(Self {
+            file,
+            consumed: MAGIC.len() as u64,
+            length,
+            schemas: BTreeMap::new(),
+            channels: BTreeMap::new(),
+            chunk: Vec::new(),
+            chunk_consumed: 0,
+        })
+    }
+
+    /// Bytes of the file that were read.
+    pub(super) fn consumed(&self) -> u64 {
+        self.consumed.min(self.length)
+    }
+
+    /// The next message, or what is there in its place.
+    ///
+    /// # Errors
+    /// The file cannot be read or ends before its data does: it was cut off.
+    pub(super) fn next(&mut self) -> io::Result<Next> {
+        loop {
+            let next = match self.next_in_chunk() {
+                Some(next) => next,
+                None => self.next_in_file()?,
+            };
+            if let Some(next) = next {
+                return Ok(next);
+            }
+        }
+    }
+
+    /// The next record of the chunk; `None` where none is left, `Some(None)` where it is nothing to hand out.
+    fn next_in_chunk(&mut self) -> Option<Option<Next>> {
+        let left = self.chunk.get(self.chunk_consumed..).filter(|left| !left.is_empty())?;
+        let mut fields = Fields(left);
+        let record = fields.number().and_then(|opcode: [u8; 1]| {
+            let length = u64::from_le_bytes(fields.number()?);
+            Some((opcode[0], fields.bytes(usize::try_from(length).ok()?)?.to_vec()))
+        });
+        self.chunk_consumed = self.chunk.len() - fields.0.len();
+        let Some((opcode, body)) = record else {
+            self.chunk.clear();
+            return Some(Some(Next::Damage("the last record of a chunk is cut".to_owned())));
+        };
+        Some(self.understand(opcode, &body))
+    }
+
+    /// The next record outside of chunks; `None` where it is nothing to hand out.
+    fn next_in_file(&mut self) -> io::Result<Option<Next>> {
+        let (mut opcode, mut length) = ([0; 1], [0; 8]);
+        self.file.read_exact(&mut opcode).map_err(told)?;
+        self.file.read_exact(&mut length).map_err(told)?;
+        let (opcode, length) = (opcode[0], u64::from_le_bytes(length));
+        let start = self.consumed;
+        self.consumed = start.saturating_add(9).saturating_add(length);
+        if opcode == DATA_END {
+            return Ok(Some(Next::End));
+        }
+        // Past its end a file can be sought to but not read.
+        if opcode == 0 || self.consumed > self.length {
+            return Err(cut_off());
+        }
+        let wanted = matches!(opcode, SCHEMA | CHANNEL | MESSAGE | CHUNK);
+        if !wanted || length > MAX_RECORD {
+            self.file.seek_relative(i64::try_from(length).map_err(|_| cut_off())?)?;
+            let too_long = || Next::Damage(format!("the record at byte {start} is longer than {MAX_RECORD} bytes"));
+            return Ok(wanted.then(too_long));
+        }
+        let mut body = Vec::new();
+        if self.file.by_ref().take(length).read_to_end(&mut body)? as u64 != length {
+            return Err(cut_off());
+        }
+        if opcode != CHUNK {
+            return Ok(self.understand(opcode, &body));
+        }
+        self.chunk_consumed = 0;
+        match unpack(&body) {
+            Ok(records) => {
+                self.chunk = records;
+                Ok(None)
+            }
+            Err(reason) => {
+                self.chunk.clear();
+                Ok(Some(Next::Damage(format!("the chunk at byte {start}: {reason}"))))
+            }
+        }
+    }
+
+    /// Keeps schemas and channels, and hands out messages.
+    fn understand(&mut self, opcode: u8, body: &[u8]) -> Option<Next> {
+        let fields = Fields(body);
+        let read = match opcode {
+            SCHEMA => self.keep_schema(fields).map(|()| None),
+            CHANNEL => self.keep_channel(fields).map(|()| None),
+            MESSAGE => self.message(fields).map(Some),
+            _ => Some(None),
+        };
+        read.unwrap_or_else(|| Some(Next::Damage(format!("a record of kind {opcode} is shorter than its fields"))))
+    }
+
+    /// `id name encoding data`
+    fn keep_schema(&mut self, mut fields: Fields<'_>) -> Option<()> {
+        let id = u16::from_le_bytes(fields.number()?);
+        self.schemas.insert(id, fields.text()?);
+        Some(())
+    }
+
+    /// `id schema_id topic message_encoding metadata`
+    fn keep_channel(&mut self, mut fields: Fields<'_>) -> Option<()> {
+        let id = u16::from_le_bytes(fields.number()?);
+        let schema = self.schemas.get(&u16::from_le_bytes(fields.number()?)).cloned().unwrap_or_default();
+        let (topic, encoding) = (fields.text()?, fields.text()?);
+        self.channels.insert(id, Arc::new(Channel { topic, schema, encoding }));
+        Some(())
+    }
+
+    /// `channel_id sequence log_time publish_time data`
+    fn message(&self, mut fields: Fields<'_>) -> Option<Next> {
+        let id = u16::from_le_bytes(fields.number()?);
+        fields.bytes(4 + 8 + 8)?;
+        Some(match self.channels.get(&id) {
+            Some(channel) => Next::Message { channel: Arc::clone(channel), data: fields.0.to_vec() },
+            None => Next::Damage(format!("a message of channel {id}, which the file does not declare")),
+        })
+    }
+}
+
+fn cut_off() -> io::Error {
+    io::Error::new(ErrorKind::UnexpectedEof, "the bag was cut off before its end")
+}
+
+/// The same error, but for the end of the file.
+fn told(error: io::Error) -> io::Error {
+    if error.kind() == ErrorKind::UnexpectedEof { cut_off() } else { error }
+}
+
+/// The records of a chunk: `start_time end_time uncompressed_size uncompressed_crc compression size records`.
+fn unpack(body: &[u8]) -> Result<Vec<u8>, String> {
+    let mut fields = Fields(body);
+    let header = fields.bytes(8 + 8).and_then(|_times| {
+        let size = u64::from_le_bytes(fields.number()?);
+        let crc = u32::from_le_bytes(fields.number()?);
+        let compression = fields.text()?;
+        let packed_size = usize::try_from(u64::from_le_bytes(fields.number()?)).ok()?;
+        Some((size, crc, compression, fields.bytes(packed_size)?))
+    });
+    let Some((size, crc, compression, packed)) = header else { return Err("it is shorter than its fields".to_owned()) };
+    if size > MAX_RECORD {
+        return Err(format!("unpacked it would have {size} bytes, more than {MAX_RECORD}"));
+    }
+    let mut records = Vec::new();
+    let unpacked = match &*compression {
+        "" => packed.take(size).read_to_end(&mut records),
+        "lz4" => lz4_flex::frame::FrameDecoder::new(packed).take(size).read_to_end(&mut records),
+        "zstd" => ruzstd::decoding::StreamingDecoder::new(packed)
+            .map_err(io::Error::other)
+            .and_then(|decoder| decoder.take(size).read_to_end(&mut records)),
+        other => return Err(format!("packed by `{other:.20}`; none, lz4 and zstd are understood")),
+    };
+    match unpacked {
+        Err(error) => Err(format!("{compression}: {error}")),
+        Ok(length) if length as u64 != size => Err(format!("it has {length} of {size} bytes")),
+        Ok(_) if crc != 0 && crc32(&records) != crc => Err("its checksum is wrong".to_owned()),
+        Ok(_) => Ok(records),
+    }
+}
+
+/// The fields of a record that were not read yet; numbers are little-endian.
+struct Fields<'a>(&'a [u8]);
+
+impl<'a> Fields<'a> {
+    fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (bytes, rest) = self.0.split_at_checked(count)?;
+        self.0 = rest;
+        Some(bytes)
+    }
+
+    fn number<const BYTES: usize>(&mut self) -> Option<[u8; BYTES]> {
+        let (bytes, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(*bytes)
+    }
+
+    /// A text with its length before it.
+    fn text(&mut self) -> Option<String> {
+        let length = u32::from_le_bytes(self.number()?);
+        let bytes = self.bytes(usize::try_from(length).ok()?)?;
+        Some(String::from_utf8_lossy(bytes).into_owned())
+    }
+}

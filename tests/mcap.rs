@@ -1,0 +1,659 @@
+//! ROS 2 bags, written by Python packages that know nothing of this library: a CARMEN log told as a bag in several
+//! ways has to be the log that it was, and small bags show each rule and each kind of damage.
+
+#![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "helpers of tests")]
+
+mod common;
+#[path = "common/python.rs"]
+mod python;
+
+use common::data;
+use ipslam::config::Config;
+use ipslam::geometry::{Pose, wrap_angle};
+use ipslam::io::carmen::CarmenLog;
+use ipslam::io::mcap::{McapLog, Topics};
+use ipslam::io::{LaserReading, LogEntry, LogError, LogSource, LogStats, open_log};
+use ipslam::ppca::Cluster;
+use ipslam::slam::Slam;
+use python::python_with;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::LazyLock;
+use tempfile::TempDir;
+
+const TOPICS: Topics = Topics { scan: None, odometry: None };
+
+static PYTHON: LazyLock<Option<PathBuf>> =
+    LazyLock::new(|| python_with("mcap", &["rosbags==0.11.9", "mcap==1.6.0", "numpy"]));
+
+/// Runs the writer of bags; `None` where there is no Python for it.
+fn write_bags(arguments: &[&str]) -> Option<()> {
+    let output = Command::new(PYTHON.as_ref()?)
+        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/tools/write_bags.py"))
+        .args(arguments)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    Some(())
+}
+
+struct Outcome {
+    entries: Vec<LogEntry>,
+    error: Option<LogError>,
+    stats: LogStats,
+}
+
+fn read(log: &dyn LogSource) -> Outcome {
+    let mut reader = log.open().unwrap();
+    let mut outcome = Outcome { entries: Vec::new(), error: None, stats: LogStats::default() };
+    for entry in &mut *reader {
+        assert!(outcome.error.is_none(), "an entry after an error");
+        match entry {
+            Ok(entry) => outcome.entries.push(entry),
+            Err(error) => outcome.error = Some(error),
+        }
+    }
+    assert!(reader.next().is_none(), "an entry after the end");
+    let (read, length) = reader.progress().unwrap();
+    assert!(read <= length && length > 0);
+    outcome.stats = reader.stats().clone();
+    outcome
+}
+
+impl Outcome {
+    fn scans(&self) -> Vec<&LaserReading> {
+        let mut scans = Vec::new();
+        for entry in &self.entries {
+            if let LogEntry::Laser(reading) = entry {
+                scans.push(reading);
+            }
+        }
+        scans
+    }
+
+    fn stamps(&self) -> Vec<f64> {
+        let stamp = |entry: &LogEntry| match entry {
+            LogEntry::Odometry { stamp, .. } | LogEntry::Truth { stamp, .. } => *stamp,
+            LogEntry::Laser(reading) => reading.stamp,
+        };
+        self.entries.iter().map(stamp).collect()
+    }
+}
+
+// ---- A CARMEN log, told as bags
+
+/// Scans of the CARMEN log that the bags hold.
+const SCANS: usize = 300;
+/// Poses go through quaternions and back, and the mounting through a chain of transforms [m, rad].
+const TOLERANCE: f64 = 1e-12;
+
+/// The bags, and the CARMEN log as its entries.
+fn carmen_as_bags() -> Option<(TempDir, Vec<LaserReading>)> {
+    let log = data("csail/mit-csail.clf.gz")?;
+    let folder = tempfile::tempdir().unwrap();
+    write_bags(&["carmen", log.to_str().unwrap(), &SCANS.to_string(), folder.path().to_str().unwrap()])?;
+    let scans = CarmenLog::new(log).open().unwrap().filter_map(|entry| match entry.unwrap() {
+        LogEntry::Laser(reading) => Some(reading),
+        _ => None,
+    });
+    let single = |value: f64| f64::from(value as f32);
+    // As `LaserScan` tells it: in 32 bits, and with where the writer says that the laser is.
+    let as_message = |reading: LaserReading| LaserReading {
+        robot_from_laser: Pose::new(0.1, 0.0, 0.0) * Pose::new(0.2, -0.05, 0.1),
+        first_angle: single(reading.first_angle),
+        angle_step: single(reading.angle_step),
+        max_range: 81.0,
+        ranges: reading.ranges.iter().map(|&range| single(range)).collect(),
+        ..reading
+    };
+    let scans: Vec<_> = scans.take(SCANS).map(as_message).collect();
+    assert_eq!(scans.len(), SCANS);
+    Some((folder, scans))
+}
+
+/// Odometry and laser of every scan, which are told at the same stamp.
+fn as_entries(scans: &[LaserReading]) -> Vec<LogEntry> {
+    let both = |scan: &LaserReading| {
+        let odometry = LogEntry::Odometry { stamp: scan.stamp, odom_from_robot: scan.odom_from_robot };
+        [odometry, LogEntry::Laser(scan.clone())]
+    };
+    scans.iter().flat_map(both).collect()
+}
+
+fn same_pose(a: Pose, b: Pose) -> bool {
+    (a.x - b.x).abs() <= TOLERANCE
+        && (a.y - b.y).abs() <= TOLERANCE
+        && wrap_angle(a.heading - b.heading).abs() <= TOLERANCE
+}
+
+fn same(a: &LogEntry, b: &LogEntry) -> bool {
+    match (a, b) {
+        (
+            LogEntry::Odometry { stamp, odom_from_robot },
+            LogEntry::Odometry { stamp: other_stamp, odom_from_robot: other },
+        ) => stamp == other_stamp && same_pose(*odom_from_robot, *other),
+        (LogEntry::Laser(a), LogEntry::Laser(b)) => {
+            a.stamp == b.stamp
+                && same_pose(a.odom_from_robot, b.odom_from_robot)
+                && same_pose(a.robot_from_laser, b.robot_from_laser)
+                && (a.first_angle, a.angle_step, a.max_range) == (b.first_angle, b.angle_step, b.max_range)
+                && a.ranges == b.ranges
+        }
+        _ => false,
+    }
+}
+
+#[test]
+fn a_bag_tells_what_the_carmen_log_told() {
+    let Some((folder, scans)) = carmen_as_bags() else { return };
+    let expected = as_entries(&scans);
+    for bag in ["none.mcap", "lz4.mcap", "zstd.mcap", "unchunked.mcap", "transforms.mcap", "folder"] {
+        let outcome = read(&*open_log(folder.path().join(bag), &TOPICS).unwrap());
+        assert!(outcome.error.is_none(), "{bag}: {:?}", outcome.error);
+        assert_eq!(outcome.entries.len(), expected.len(), "{bag}: {:?}", outcome.stats);
+        let differs = outcome.entries.iter().zip(&expected).position(|(a, b)| !same(a, b));
+        assert_eq!(differs, None, "{bag}: {:?}", differs.map(|index| &outcome.entries[index]));
+        let count = SCANS as u64;
+        let expected_stats = LogStats { lines: 2 * count + 1, laser: count, odometry: count, ..LogStats::default() };
+        assert_eq!(outcome.stats, expected_stats, "{bag}");
+    }
+    // The comparison rejects each field of an entry that is a little off.
+    let changes: [fn(&mut LaserReading); 6] = [
+        |scan| scan.stamp += 1e-6,
+        |scan| scan.odom_from_robot.x += 1e-9,
+        |scan| scan.robot_from_laser.heading += 1e-9,
+        |scan| scan.first_angle += 1e-7,
+        |scan| scan.ranges[7] += 1e-6,
+        |scan| scan.max_range += 1e-3,
+    ];
+    for (index, change) in changes.into_iter().enumerate() {
+        let mut perturbed = scans[0].clone();
+        change(&mut perturbed);
+        assert!(!same(&LogEntry::Laser(perturbed), &expected[1]), "change {index}");
+    }
+}
+
+#[test]
+fn a_bag_gives_the_map_of_the_carmen_log() {
+    let Some((folder, scans)) = carmen_as_bags() else { return };
+    let config = Config { particles: 8, maps: 8, seed: 1, ..Config::default() };
+    let map = |entries: &[LogEntry]| {
+        let mut slam = Slam::new(config);
+        entries.iter().for_each(|entry| slam.add(entry, &mut |_| {}));
+        slam.finish().map
+    };
+    let bag = McapLog::new(folder.path().join("zstd.mcap"), &TOPICS).unwrap();
+    let found = map(&read(&bag).entries);
+    // Headings and mountings went through quaternions, which changes their last digits; with these as the bag has them
+    // nothing else may differ.
+    let mut rounded = scans;
+    for (scan, read) in rounded.iter_mut().zip(read(&bag).scans()) {
+        scan.odom_from_robot.heading = read.odom_from_robot.heading;
+        scan.robot_from_laser = read.robot_from_laser;
+    }
+    let expected = map(&as_entries(&rounded));
+    assert!(expected.len() > 20, "{} clusters", expected.len());
+    assert!(found == expected, "{} clusters, or others, than {}", found.len(), expected.len());
+    // A millimetre in the ranges of the first scan makes another map.
+    rounded[0].ranges.iter_mut().for_each(|range| *range += 1e-3);
+    let other: Vec<Cluster> = map(&as_entries(&rounded));
+    assert!(found != other);
+}
+
+// ---- Small bags
+
+/// Writes these bags, each `{name, messages, ...}` as the writer understands it, into a new folder.
+fn bags(bags: Value) -> Option<TempDir> {
+    let folder = tempfile::tempdir().unwrap();
+    let Value::Array(mut bags) = bags else { panic!("a list of bags") };
+    for bag in &mut bags {
+        bag["path"] = json!(folder.path().join(bag["name"].as_str().unwrap()));
+    }
+    let spec = folder.path().join("spec.json");
+    std::fs::write(&spec, Value::Array(bags).to_string()).unwrap();
+    write_bags(&["spec", spec.to_str().unwrap()])?;
+    Some(folder)
+}
+
+/// Stamps are tenths of a second.
+fn stamp(tenths: u32) -> Value {
+    json!([1_700_000_000 + tenths / 10, tenths % 10 * 100_000_000])
+}
+
+fn seconds(tenths: u32) -> f64 {
+    1_700_000_000.0 + f64::from(tenths) / 10.0
+}
+
+fn scan(topic: &str, tenths: u32, frame: &str) -> Value {
+    json!({"kind": "scan", "topic": topic, "stamp": stamp(tenths), "frame": frame, "angle_min": -1.0,
+           "angle_step": 0.5, "range_min": 0.5, "range_max": 8.0, "ranges": [1.0, 2.0, 3.0]})
+}
+
+fn odometry(topic: &str, tenths: u32, x: f64, heading: f64) -> Value {
+    json!({"kind": "odometry", "topic": topic, "stamp": stamp(tenths), "frame": "odom", "child": "base",
+           "pose": [x, 0.0, heading]})
+}
+
+fn transform(topic: &str, tenths: u32, [parent, child]: [&str; 2], xyz: [f64; 3], rpy: [f64; 3]) -> Value {
+    let transform = json!({"stamp": stamp(tenths), "frame": parent, "child": child, "xyz": xyz, "rpy": rpy});
+    json!({"kind": "tf", "topic": topic, "transforms": [transform]})
+}
+
+fn fixed(frames: [&str; 2], xyz: [f64; 3], rpy: [f64; 3]) -> Value {
+    transform("/tf_static", 0, frames, xyz, rpy)
+}
+
+fn changed(mut message: Value, field: &str, value: Value) -> Value {
+    assert!(message.get(field).is_some() || field == "quaternion", "there is no {field} in {message}");
+    message[field] = value;
+    message
+}
+
+fn raw(topic: &str, schema: &str, encoding: &str, data: &str) -> Value {
+    json!({"kind": "raw", "topic": topic, "schema": schema, "encoding": encoding, "data": data})
+}
+
+const LASER_SCAN: &str = "sensor_msgs/msg/LaserScan";
+
+#[test]
+fn odometry_at_a_scan_lies_between_its_neighbours() {
+    let Some(folder) = bags(json!([{"name": "bag.mcap", "messages": [
+        // The first scan is before all odometry, the last after it; scans come late and out of turn with odometry.
+        scan("/scan", 0, "base"),
+        odometry("/odom", 1, 1.0, 3.0),
+        odometry("/odom", 5, 2.0, -3.0),
+        scan("/scan", 2, "base"),
+        odometry("/odom", 9, 4.0, -3.0),
+        scan("/scan", 8, "base"),
+        scan("/scan", 9, "base"),
+        scan("/scan", 15, "base"),
+        scan("/scan", 40, "base"),
+        {"kind": "raw", "topic": "/imu", "schema": "sensor_msgs/msg/Imu", "encoding": "cdr", "data": "00010000"},
+    ]}])) else {
+        return;
+    };
+    let outcome = read(&McapLog::new(folder.path().join("bag.mcap"), &TOPICS).unwrap());
+    assert_eq!(outcome.stamps(), [0, 1, 2, 5, 8, 9, 9, 15, 40].map(seconds));
+    let turn = 2.0 * std::f64::consts::PI - 6.0;
+    let expected = [(1.0, 3.0), (1.25, 3.0 + turn / 4.0), (3.5, -3.0), (4.0, -3.0), (4.0, -3.0), (4.0, -3.0)];
+    let scans = outcome.scans();
+    assert_eq!(scans.len(), expected.len());
+    for (scan, (x, heading)) in scans.into_iter().zip(expected) {
+        assert!(same_pose(scan.odom_from_robot, Pose::new(x, 0.0, heading)), "{scan:?}, not {x} {heading}");
+    }
+    let LogStats { lines, laser, odometry, laser_without_odometry, laser_without_mounting, .. } = outcome.stats;
+    assert_eq!((lines, laser, odometry), (10, 6, 3));
+    // The first scan and the last, which is 3.1 s behind; the frames are one, so the mounting is known.
+    assert_eq!((laser_without_odometry, laser_without_mounting), (2, 0));
+    assert_eq!(outcome.stats.skipped, [("/imu".to_owned(), 1)].into());
+    assert_eq!((outcome.stats.backward_stamps, outcome.stats.malformed), (0, 0));
+}
+
+#[test]
+fn where_the_laser_is_mounted() {
+    use std::f64::consts::PI;
+    let with = |name: &str, more: Vec<Value>| {
+        let messages = [vec![odometry("/odom", 0, 0.0, 0.0), scan("/scan", 1, "laser")], more].concat();
+        json!({"name": name, "messages": messages})
+    };
+    let none = [0.0; 3];
+    let Some(folder) = bags(json!([
+        with(
+            "chain.mcap",
+            vec![
+                fixed(["/mast", "/laser"], [0.2, 0.0, 0.0], none),
+                fixed(["plate", "mast"], [0.0, 0.0, 1.0], [0.0, 0.0, PI / 2.0]),
+                fixed(["base", "plate"], [0.1, 0.0, 0.0], none),
+            ]
+        ),
+        with("upside_down.mcap", vec![fixed(["base", "laser"], [0.3, 0.0, 0.0], [PI, 0.0, 0.25])]),
+        with("unknown.mcap", vec![fixed(["base", "camera"], [0.3, 0.0, 0.0], none)]),
+        with(
+            "twice.mcap",
+            vec![fixed(["base", "laser"], [0.3, 0.0, 0.0], none), fixed(["base", "laser"], [0.4, 0.0, 0.0], none),]
+        ),
+        with("upright.mcap", vec![fixed(["base", "laser"], [0.3, 0.0, 0.0], [PI / 2.0, 0.0, 0.0])]),
+        with("circle.mcap", vec![fixed(["a", "laser"], none, none), fixed(["laser", "a"], none, none)]),
+    ])) else {
+        return;
+    };
+    let opened = |name: &str| McapLog::new(folder.path().join(name), &TOPICS);
+    // Pose, angles of the first beam and from beam to beam, readings without mounting.
+    for (name, pose, angles, unknown) in [
+        ("chain.mcap", Pose::new(0.1, 0.2, PI / 2.0), (-1.0, 0.5), 0),
+        ("upside_down.mcap", Pose::new(0.3, 0.0, 0.25), (1.0, -0.5), 0),
+        ("unknown.mcap", Pose::IDENTITY, (-1.0, 0.5), 1),
+        ("twice.mcap", Pose::new(0.4, 0.0, 0.0), (-1.0, 0.5), 0),
+    ] {
+        let outcome = read(&opened(name).unwrap());
+        let [scan] = outcome.scans()[..] else { panic!("{name}: one scan") };
+        assert!(same_pose(scan.robot_from_laser, pose), "{name}: {scan:?}");
+        assert_eq!((scan.first_angle, scan.angle_step), angles, "{name}");
+        assert_eq!(outcome.stats.laser_without_mounting, unknown, "{name}");
+    }
+    for (name, expected) in [("upright.mcap", "`laser` is tilted by 90°"), ("circle.mcap", "lead in a circle")] {
+        let error = opened(name).unwrap_err();
+        assert!(matches!(error, LogError::Bag { .. }), "{error:?}");
+        let error = error.to_string();
+        assert!(error.contains(name) && error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn the_user_chooses_among_topics() {
+    let still = [[0.0; 3], [0.0; 3]];
+    let tf = |robot: &str, x: f64| {
+        let (topic, odom, base) = (format!("/{robot}/tf"), format!("{robot}/odom"), format!("{robot}/base"));
+        transform(&topic, 0, [&odom, &base], [x, 0.0, 0.0], [0.0; 3])
+    };
+    let Some(folder) = bags(json!([
+        {"name": "many.mcap", "messages": [
+            odometry("/odom", 0, 1.0, 0.0), odometry("/filtered", 0, 2.0, 0.0), tf("a", 3.0),
+            scan("/front", 0, "base"), scan("/rear", 0, "base"), scan("/rear", 1, "base"),
+        ]},
+        {"name": "robots.mcap", "messages": [
+            tf("a", 3.0), tf("b", 4.0), scan("/scan", 0, "b/laser"),
+            fixed(["b/base", "b/laser"], [0.1, 0.0, 0.0], still[0]),
+        ]},
+        {"name": "strangers.mcap", "messages": [tf("a", 3.0), tf("b", 4.0), scan("/scan", 0, "laser")]},
+        {"name": "no_odometry.mcap", "messages": [
+            scan("/scan", 0, "laser"), scan("/scan", 1, "laser"),
+            fixed(["base", "laser"], [0.1, 0.0, 0.0], still[0]),
+        ]},
+        {"name": "no_scan.mcap", "messages": [odometry("/odom", 0, 1.0, 0.0)]},
+        {"name": "json.mcap", "messages": [raw("/scan", LASER_SCAN, "json", "7b7d")]},
+        {"name": "empty.mcap", "messages": []},
+    ])) else {
+        return;
+    };
+    let opened = |name: &str, scan: &str, odometry: &str| {
+        let named = |topic: &str| (!topic.is_empty()).then(|| topic.to_owned());
+        McapLog::new(folder.path().join(name), &Topics { scan: named(scan), odometry: named(odometry) })
+    };
+    // Scans, and where odometry has the robot.
+    for (name, scan, odometry, scans, x) in [
+        ("many.mcap", "/front", "/odom", 1, 1.0),
+        ("many.mcap", "/rear", "/filtered", 2, 2.0),
+        ("many.mcap", "/rear", "/a/tf", 2, 3.0),
+        ("robots.mcap", "", "", 1, 4.0),
+        ("strangers.mcap", "/scan", "/a/tf", 1, 3.0),
+        ("no_odometry.mcap", "", "", 2, 0.0),
+    ] {
+        let outcome = read(&opened(name, scan, odometry).unwrap());
+        let found: Vec<_> = outcome.scans().iter().map(|scan| scan.odom_from_robot.x).collect();
+        assert_eq!(found, vec![x; scans], "{name} {scan} {odometry}");
+        let without = if name == "no_odometry.mcap" { 2 } else { 0 };
+        assert_eq!(outcome.stats.laser_without_odometry, without, "{name}");
+    }
+    // The robot of a bag without odometry is where its laser hangs from.
+    let outcome = read(&opened("no_odometry.mcap", "", "").unwrap());
+    assert_eq!(outcome.scans()[0].robot_from_laser, Pose::new(0.1, 0.0, 0.0));
+
+    for (name, scan, odometry, expected) in [
+        (
+            "many.mcap",
+            "",
+            "/odom",
+            &["several lasers", "--scan-topic", "/front (sensor_msgs", "/rear (", "2 messages"][..],
+        ),
+        ("many.mcap", "/front", "", &["several sources", "--odom-topic", "/odom (nav_msgs", "/filtered ("]),
+        ("many.mcap", "/odom", "", &["no message of type sensor_msgs/msg/LaserScan on /odom (--scan-topic)", "/rear"]),
+        ("many.mcap", "/front", "/none", &["nav_msgs/msg/Odometry or tf2_msgs/msg/TFMessage on /none", "/filtered"]),
+        ("strangers.mcap", "", "", &["no single transform", "a/odom -> a/base on /a/tf", "b/odom"]),
+        ("no_scan.mcap", "", "", &["no message of type sensor_msgs/msg/LaserScan", "/odom (nav_msgs"]),
+        ("json.mcap", "", "", &["no message of type", "/scan (", "encoded as json, not cdr"]),
+        ("empty.mcap", "", "", &["no message of type", "it holds no messages"]),
+    ] {
+        let error = opened(name, scan, odometry).unwrap_err();
+        assert!(matches!(error, LogError::Bag { .. }), "{error:?}");
+        let error = error.to_string();
+        for part in [name].iter().chain(expected) {
+            assert!(error.contains(part), "{error:?} does not say {part:?}");
+        }
+    }
+}
+
+#[test]
+fn malformed_messages_are_left_out_and_counted() {
+    let good = || vec![odometry("/odom", 0, 1.0, 0.0), scan("/scan", 0, "base")];
+    let table = [
+        (changed(scan("/scan", 1, "base"), "ranges", json!([])), "/scan: it has 0 ranges"),
+        (changed(scan("/scan", 1, "base"), "angle_min", json!("nan")), "angle_min NaN"),
+        (changed(scan("/scan", 1, "base"), "angle_step", json!("inf")), "angle_increment inf"),
+        (changed(scan("/scan", 1, "base"), "angle_step", json!(0.0)), "angle_increment 0"),
+        (changed(scan("/scan", 1, "base"), "stamp", json!([1, 1_000_000_000])), "1000000000 nanoseconds"),
+        (changed(odometry("/odom", 1, 1.0, 0.0), "pose", json!(["nan", 0, 0])), "/odom: no pose: position [NaN"),
+        (changed(odometry("/odom", 1, 1.0, 0.0), "quaternion", json!([0.0, 0.0, 0.0, 0.0])), "quaternion [0.0, 0.0"),
+        (raw("/scan", LASER_SCAN, "cdr", ""), "it is not plain CDR"),
+        (raw("/scan", LASER_SCAN, "cdr", "28b52ffd"), "was each message compressed?"),
+        (raw("/scan", LASER_SCAN, "cdr", "000100000000000000000000ffffff7f"), "/scan: "),
+        // A scan whose ranges end too early.
+        (raw("/scan", LASER_SCAN, "cdr", &format!("00010000{}ffff0000", "00".repeat(40))), "/scan: "),
+    ];
+    let bag = |(index, (message, _)): (usize, &(Value, &str))| {
+        let messages = [good(), vec![message.clone()], vec![scan("/scan", 2, "base")]].concat();
+        json!({"name": format!("{index}.mcap"), "messages": messages})
+    };
+    let Some(folder) = bags(table.iter().enumerate().map(bag).collect()) else { return };
+    for (index, (message, reason)) in table.iter().enumerate() {
+        let path = folder.path().join(format!("{index}.mcap"));
+        let outcome = read(&McapLog::new(&path, &TOPICS).unwrap());
+        assert!(outcome.error.is_none(), "{message}");
+        let counts = (outcome.stats.laser, outcome.stats.odometry, outcome.stats.malformed, outcome.stats.lines);
+        assert_eq!(counts, (2, 1, 1, 4), "{message}: {:?}", outcome.stats);
+        let first = outcome.stats.first_malformed.unwrap();
+        assert!(first.starts_with(&format!("{}:3: ", path.display())), "{first}");
+        assert!(first.contains(reason), "{first:?} does not say {reason:?}");
+    }
+}
+
+#[test]
+fn ranges_that_are_none_are_marked() {
+    let ranges = json!([0.25, 0.5, 7.5, 8.0, 9.0, "nan", "inf", "-inf", -1.0]);
+    let Some(folder) = bags(json!([
+        {"name": "bag.mcap", "messages": [changed(scan("/scan", 1, "base"), "ranges", ranges)]},
+        {"name": "open.mcap", "messages": [changed(scan("/scan", 1, "base"), "range_max", json!("nan"))]},
+    ])) else {
+        return;
+    };
+    let outcome = read(&McapLog::new(folder.path().join("bag.mcap"), &TOPICS).unwrap());
+    let [scan] = outcome.scans()[..] else { panic!("one scan") };
+    let nan = f64::NAN;
+    let expected = [nan, 0.5, 7.5, 8.0, 9.0, nan, f64::INFINITY, nan, nan];
+    assert_eq!(scan.ranges.len(), expected.len());
+    for (found, expected) in scan.ranges.iter().zip(expected) {
+        assert!(*found == expected || found.is_nan() && expected.is_nan(), "{found} is not {expected}");
+    }
+    assert_eq!(scan.max_range, 8.0);
+    let outcome = read(&McapLog::new(folder.path().join("open.mcap"), &TOPICS).unwrap());
+    assert_eq!(outcome.scans()[0].max_range, f64::INFINITY);
+}
+
+// ---- Damage
+
+/// Odometry and scans of ten seconds, in small chunks.
+fn drive(name: &str, compression: &str, chunked: bool) -> Value {
+    let both = |tenths| [odometry("/odom", tenths, f64::from(tenths), 0.0), scan("/scan", tenths, "base")];
+    let messages: Vec<Value> = (0..100).flat_map(both).collect();
+    json!({"name": name, "messages": messages, "compression": compression, "chunked": chunked, "chunk_size": 2048})
+}
+
+#[test]
+fn a_bag_that_was_cut_off_is_read_as_far_as_it_goes() {
+    let Some(folder) = bags(json!([
+        drive("lz4.mcap", "lz4", true),
+        drive("zstd.mcap", "zstd", true),
+        drive("unchunked.mcap", "none", false),
+    ])) else {
+        return;
+    };
+    for name in ["lz4.mcap", "zstd.mcap", "unchunked.mcap"] {
+        let path = folder.path().join(name);
+        let whole = std::fs::read(&path).unwrap();
+        let all = read(&McapLog::new(&path, &TOPICS).unwrap());
+        assert!(all.error.is_none() && all.entries.len() == 200, "{name}");
+        let cut = folder.path().join("cut.mcap");
+        let (mut most, mut refused, mut told) = (0, 0, 0);
+        for kept in (0..whole.len()).step_by(97) {
+            std::fs::write(&cut, &whole[..kept]).unwrap();
+            let log = match McapLog::new(&cut, &TOPICS) {
+                Ok(log) => log,
+                Err(error) => {
+                    assert!(most == 0, "{kept} bytes: {error}");
+                    refused += 1;
+                    continue;
+                }
+            };
+            let outcome = read(&log);
+            let read = outcome.entries.len();
+            assert!(read >= most && outcome.stats.malformed == 0, "{kept} bytes: {:?}", outcome.stats);
+            assert!(outcome.entries.iter().zip(&all.entries).all(|(a, b)| a == b || read < 3), "{kept} bytes");
+            most = read;
+            match outcome.error {
+                Some(LogError::Read { line, .. }) => {
+                    assert_eq!(line, outcome.stats.lines);
+                    told += 1;
+                }
+                // All messages are there; only the summary is cut.
+                None => assert_eq!(read, 200),
+                Some(other) => panic!("{other:?}"),
+            }
+        }
+        assert_eq!(most, 200, "{name}");
+        assert!(refused > 0 && told > 20, "{name}: {refused} refused, {told} told");
+    }
+}
+
+#[test]
+fn a_damaged_chunk_is_left_out() {
+    let Some(folder) = bags(json!([
+        drive("none.mcap", "none", true),
+        drive("lz4.mcap", "lz4", true),
+        drive("zstd.mcap", "zstd", true),
+    ])) else {
+        return;
+    };
+    for name in ["none.mcap", "lz4.mcap", "zstd.mcap"] {
+        let path = folder.path().join(name);
+        let mut bytes = std::fs::read(&path).unwrap();
+        let middle = bytes.len() / 3;
+        bytes[middle..middle + 4].iter_mut().for_each(|byte| *byte = !*byte);
+        std::fs::write(&path, bytes).unwrap();
+        let outcome = read(&McapLog::new(&path, &TOPICS).unwrap());
+        assert!(outcome.error.is_none() && outcome.stats.malformed == 1, "{name}: {:?}", outcome.stats);
+        let kept = outcome.entries.len();
+        assert!((140..200).contains(&kept), "{name}: {kept} of 200");
+        let first = outcome.stats.first_malformed.unwrap();
+        assert!(first.contains("the chunk at byte "), "{name}: {first}");
+    }
+}
+
+/// A record that tells of more bytes than a machine has is refused by the bytes that are there.
+#[test]
+fn sizes_are_not_taken_at_their_word() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    for (opcode, length) in [(3, u64::MAX), (6, u64::MAX / 2), (6, 1 << 40), (9, u64::MAX - 20), (0, 0)] {
+        let mut bytes = b"\x89MCAP0\r\n".to_vec();
+        bytes.push(opcode);
+        bytes.extend(u64::to_le_bytes(length));
+        bytes.extend([0; 100]);
+        std::fs::write(&path, bytes).unwrap();
+        let error = McapLog::new(&path, &TOPICS).unwrap_err();
+        assert!(matches!(error, LogError::Read { line: 0, .. }), "{error:?}");
+    }
+    // A chunk that would unpack to a petabyte, of a compression that there is not, and one of no compression that lies.
+    for (size, compression, reason) in
+        [(1_u64 << 50, "zstd", "more than"), (8, "brotli", "`brotli`"), (8, "", "it has 4 of 8 bytes")]
+    {
+        let mut chunk = [[0; 16].to_vec(), size.to_le_bytes().to_vec(), vec![0; 4]].concat();
+        chunk.extend(u32::to_le_bytes(compression.len() as u32));
+        chunk.extend(compression.bytes());
+        chunk.extend(u64::to_le_bytes(4));
+        chunk.extend([0; 4]);
+        let mut bytes = b"\x89MCAP0\r\n\x06".to_vec();
+        bytes.extend(u64::to_le_bytes(chunk.len() as u64));
+        bytes.extend(chunk);
+        std::fs::write(&path, &bytes).unwrap();
+        let error = McapLog::new(&path, &TOPICS).unwrap_err().to_string();
+        assert!(error.contains("no message can be read") && error.contains(reason), "{error}");
+    }
+}
+
+// ---- Which reader
+
+#[test]
+fn a_log_is_known_by_its_content() {
+    let folder = tempfile::tempdir().unwrap();
+    let chosen = Topics { scan: Some("/scan".to_owned()), odometry: None };
+    let write = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, bytes).unwrap();
+    };
+    write("carmen.mcap", b"ODOM 0 0 0 0 0 0 1 host 0\n");
+    write("one.bag", b"#ROSBAG V2.0\n");
+    write("bag.db3", b"SQLite format 3\0");
+    write("bag.mcap.zstd", b"\x28\xb5\x2f\xfd\0\0\0\0");
+    write("empty_file", b"");
+    write("sqlite/bag_0.db3", b"SQLite format 3\0");
+    write("packed/bag_0.mcap.zstd", b"");
+    write("split/bag_0.mcap", b"");
+    write("split/bag_1.mcap", b"");
+    write("other/readme.txt", b"");
+    assert_eq!(read(&*open_log(folder.path().join("carmen.mcap"), &TOPICS).unwrap()).entries.len(), 1);
+    for (name, topics, expected) in [
+        ("carmen.mcap", &chosen, "only a bag has topics"),
+        ("one.bag", &TOPICS, "rosbags-convert"),
+        ("bag.db3", &TOPICS, "ros2 bag convert"),
+        ("bag.mcap.zstd", &TOPICS, "zstd -d"),
+        ("sqlite", &TOPICS, "ros2 bag convert"),
+        ("packed", &TOPICS, "zstd -d"),
+        ("split", &TOPICS, "several files"),
+        ("other", &TOPICS, "a folder"),
+        ("missing", &TOPICS, "cannot be opened"),
+    ] {
+        let error = open_log(folder.path().join(name), topics).err().expect(name).to_string();
+        assert!(error.contains(name) && error.contains(expected), "{error:?} does not say {expected:?}");
+    }
+    // What it is shows when it is read.
+    let error = open_log(folder.path().join("empty_file"), &TOPICS).unwrap().open().unwrap().next().unwrap();
+    assert!(error.unwrap_err().to_string().contains("the file is empty"));
+    let error = McapLog::new(folder.path().join("carmen.mcap"), &TOPICS).unwrap_err().to_string();
+    assert!(error.contains("carmen.mcap: cannot be opened: it does not begin as MCAP files do"), "{error}");
+}
+
+#[test]
+fn folders_of_bags() {
+    let messages = json!([odometry("/odom", 0, 1.0, 0.0), scan("/scan", 1, "base")]);
+    let Some(folder) = bags(json!([
+        {"name": "mine", "storage": "folder", "messages": messages},
+        {"name": "old", "storage": "sqlite", "messages": messages},
+    ])) else {
+        return;
+    };
+    let log = open_log(folder.path().join("mine"), &TOPICS).unwrap();
+    assert_eq!((log.name().as_str(), read(&*log).entries.len()), ("mine", 2));
+    let error = open_log(folder.path().join("old"), &TOPICS).err().unwrap().to_string();
+    assert!(error.contains("in SQLite") && error.contains("ros2 bag convert"), "{error}");
+}
+
+#[test]
+fn the_program_maps_a_bag() {
+    let Some((folder, _)) = carmen_as_bags() else { return };
+    let run = |arguments: &[&str]| {
+        let mut command = assert_cmd::Command::cargo_bin("ipslam").unwrap();
+        command.current_dir(folder.path()).args(["run", "--particles", "4", "--maps", "4", "--max-scans", "20"]);
+        command.args(arguments).assert()
+    };
+    let output = run(&["folder", "--odom-topic", "/tf"]).success();
+    let text = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
+    assert!(text.contains("folder: 20 scans") && !text.contains("is mounted"), "{text}");
+    let output = run(&["zstd.mcap", "--scan-topic", "/none"]).failure().code(1);
+    let text = String::from_utf8_lossy(&output.get_output().stderr).into_owned();
+    assert!(
+        text.contains("on /none (--scan-topic)") && text.contains("/scan (sensor_msgs/msg/LaserScan, 300"),
+        "{text}"
+    );
+}
