@@ -2,7 +2,7 @@
 //!
 //! The filter's map is clusters; a grid is what other programs read, what tells where there is *nothing*, and what a
 //! map drawn elsewhere comes as. In: scans with poses ([`GridBuilder`]), or a file. Out: an [`OccupancyGrid`], from it
-//! the [`FreeArea`] where a robot can be, and the walls as line clusters ([`clusters`]). The way back is [`drawn`].
+//! the [`FreeArea`] where a robot can be, and the walls as line clusters ([`clusters`]). The way back is [`drawn()`].
 
 use crate::geometry::Pose;
 use nalgebra::Point2;
