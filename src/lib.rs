@@ -34,7 +34,7 @@
 //! | [`geometry`] | poses of the plane | |
 //! | [`math`] | logarithm, sine and cosine, the same on every device | |
 //! | [`random`] | draws that depend on seed, step, particle and draw number alone | |
-//! | [`io`] | files in and out: logs, trajectories, relations, `map.json` | |
+//! | [`io`] | files in and out: logs, trajectories, relations, `map.json`, grids of ROS, GeoJSON | |
 //! | [`simulate`] | a robot in a building, as a log with known truth | |
 //! | [`scan`] | ranges to points in the robot's frame | |
 //! | [`ppca`] | the model of one cluster: fit, density, moments | III-A, eq. 7-13 |

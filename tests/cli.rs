@@ -5,9 +5,11 @@
 mod common;
 
 use assert_cmd::cargo::cargo_bin;
-use ipslam::io::carmen::CarmenWriter;
+use ipslam::io::carmen::{CarmenLog, CarmenWriter};
+use ipslam::io::map_json::SavedMap;
 use ipslam::io::{LogEntry, LogSource as _, map_json, tum};
 use ipslam::metrics::trajectory::reference_errors;
+use ipslam::ppca::Cluster;
 use ipslam::simulate::{Simulation, SimulationConfig, building};
 use serde_json::Value;
 use std::io::Read as _;
@@ -17,7 +19,7 @@ use tempfile::TempDir;
 
 const SEED: u64 = 3;
 const FEW: [&str; 4] = ["--maps", "4", "--particles", "4"];
-const OUTPUTS: [&str; 11] = [
+const OUTPUTS: [&str; 14] = [
     "config.toml",
     "figure3_odometry_map.png",
     "figure4a_trajectory.png",
@@ -25,10 +27,13 @@ const OUTPUTS: [&str; 11] = [
     "figure4c_points.png",
     "figure4d_reprojected.png",
     "map.json",
+    "map.pgm",
     "map.png",
     "map.svg",
+    "map.yaml",
     "summary.json",
     "trajectory.tum",
+    "walls.geojson",
 ];
 
 /// A directory with the program in it.
@@ -609,4 +614,120 @@ fn devices_are_listed_and_tested() {
     done.ended(0);
     assert!(adapters.iter().all(|adapter| done.out.contains(&adapter.name)), "{}", done.out);
     assert_eq!(done.out.matches("self-test passed").count(), adapters.len(), "{}", done.out);
+}
+
+#[test]
+fn logs_are_converted_to_the_last_digit() {
+    let place = Place::new();
+    let (_, text) = drive(2.0);
+    place.write("drive.log.gz", gzip(text.as_bytes()));
+    for words in [["drive.log.gz", "plain.clf"], ["plain.clf", "again.clf.gz"]] {
+        let done = place.ipslam(&[&["convert"], &words[..]].concat());
+        assert_eq!((&*done.ended(0).out, &*done.err), ("", ""));
+    }
+    let entries = |name: &str| -> Vec<LogEntry> {
+        CarmenLog::new(place.path(name)).open().unwrap().map(|entry| entry.unwrap()).collect()
+    };
+    let original = entries("drive.log.gz");
+    assert!(original.len() > 40 && std::fs::read(place.path("again.clf.gz")).unwrap().starts_with(&[0x1f, 0x8b]));
+    for (a, b) in original.iter().zip(entries("again.clf.gz")) {
+        match (a, &b) {
+            (LogEntry::Laser(a), LogEntry::Laser(b)) => assert_eq!((a.stamp, &a.ranges), (b.stamp, &b.ranges)),
+            _ => assert_eq!(a, &b),
+        }
+    }
+    assert_eq!(entries("plain.clf").len(), original.len());
+
+    // What is damaged is told, and the rest is converted.
+    place.write("damaged.clf", text.replacen("ODOM ", "ODOM x ", 1));
+    let done = place.ipslam(&["convert", "damaged.clf", "rest.clf"]);
+    done.failed(1, &["1 lines were left out", "damaged.clf:"]);
+    assert_eq!(entries("rest.clf").len(), original.len() - 1);
+}
+
+#[test]
+fn maps_are_converted_through_every_format() {
+    let place = Place::new();
+    place.run(&["--max-scans", "40", "--backend", "cpu", "--out", "out"]).ended(0);
+    let step = |from: &str, to: &str| {
+        place.ipslam(&["convert", from, to]).ended(0);
+    };
+    step("out/map.json", "same.json");
+    step("out/map.json", "drawn.yaml");
+    step("drawn.yaml", "walls.json");
+    step("out/map.yaml", "copy.yml");
+    step("out/map.json", "walls.geojson");
+    step("out/map.yaml", "walls.svg");
+    let read = |name: &str| std::fs::read(place.path(name)).unwrap();
+    assert_eq!(read("copy.pgm"), read("out/map.pgm"));
+    let walls: Value = serde_json::from_slice(&read("walls.geojson")).unwrap();
+    assert!(read("walls.svg").starts_with(b"<svg"));
+
+    // A map that was drawn and read keeps its walls, as near as cells of 5 cm can tell, and its free area.
+    let [original, before, after] =
+        ["out/map.json", "same.json", "walls.json"].map(|name| map_json::read_map(&place.path(name)).unwrap());
+    assert_eq!((original.clusters.len(), &original.free), (before.clusters.len(), &before.free));
+    assert_eq!(walls["features"].as_array().unwrap().len(), before.clusters.len());
+    let covered = |from: &SavedMap, by: &SavedMap, shift: f64| {
+        let near = |wall: &Cluster| {
+            let middle = wall.mean + nalgebra::Vector2::new(shift, shift);
+            by.clusters.iter().any(|other| {
+                let offset = middle - other.mean;
+                let half = (3.0 * other.along_variance).sqrt() + 0.1;
+                offset.dot(&other.normal()).abs() < 0.1 && offset.dot(&other.direction).abs() < half
+            })
+        };
+        from.clusters.iter().filter(|wall| near(wall)).count() as f64 / from.clusters.len() as f64
+    };
+    assert!(before.clusters.len() > 5);
+    let (shared, moved) = (covered(&before, &after, 0.0), covered(&before, &after, 0.5));
+    assert!(shared > 0.6 && moved < 0.5 * shared, "{shared} of the walls are kept, {moved} of those half a metre off");
+    let area = |map: &SavedMap| map.free.as_ref().unwrap().area();
+    assert!((area(&after) / area(&before) - 1.0).abs() < 0.2, "{} m², {} m²", area(&before), area(&after));
+}
+
+#[test]
+fn what_cannot_be_converted_is_told_with_what_can() {
+    let place = Place::new();
+    let (_, text) = drive(1.0);
+    place.write("drive.clf", &text);
+    place.write("broken.json", "{");
+    place.write("map.yaml", "image: none.png\nresolution: 0.1\norigin: [0, 0, 0]\n");
+    for (words, expected) in [
+        (["drive.clf", "out.png"], &["out.png", "Formats, by the endings", ".geojson (walls)"][..]),
+        (["drive.clf", "out.json"], &["a log is made a map by `ipslam run drive.clf`"]),
+        (["out.geojson", "out.json"], &["out.geojson: this format is only written"]),
+        (["broken.json", "out.yaml"], &["broken.json: no map as ipslam writes it"]),
+        (["broken.json", "out.clf"], &["broken.json"]),
+        (["map.yaml", "out.json"], &["none.png: cannot be read"]),
+        (["none.clf", "out.clf"], &["none.clf: cannot be opened"]),
+        (["drive.clf", "none/out.clf"], &["its folder does not exist"]),
+    ] {
+        place.ipslam(&[&["convert"], &words[..]].concat()).failed(1, expected);
+    }
+    assert!(!place.path("out.json").exists() && !place.path("out.clf").exists());
+}
+
+#[test]
+fn shells_and_manuals_know_every_command() {
+    let place = Place::new();
+    let commands = ["run", "eval", "simulate", "devices", "bench", "convert", "completions", "man"];
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let done = place.ipslam(&["completions", shell]);
+        for word in commands.iter().chain(&["max-scans", "ipslam"]) {
+            assert!(done.ended(0).out.contains(word), "{word} is not in the completions of {shell}");
+        }
+    }
+    place.ipslam(&["completions", "sh"]).ended(2);
+    let manual = place.ipslam(&["man"]);
+    let manual = &manual.ended(0).out;
+    assert!(manual.contains("Exit codes") && manual.contains("\\-\\-max\\-scans"), "{manual}");
+    for command in commands {
+        assert!(manual.contains(&format!(".TH ipslam-{command}")), "{command} has no page");
+    }
+    // The shell itself takes the script for one.
+    let script = place.ipslam(&["completions", "bash"]).out;
+    place.write("script", script);
+    let done = Done::new(Command::new("bash").args(["-n"]).arg(place.path("script")).output().unwrap());
+    done.ended(0);
 }

@@ -15,7 +15,7 @@ use ipslam::io::mcap::{McapLog, Topics};
 use ipslam::io::{LaserReading, LogEntry, LogError, LogSource, LogStats, open_log};
 use ipslam::ppca::Cluster;
 use ipslam::slam::Slam;
-use python::python_with;
+use python::python;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -24,8 +24,7 @@ use tempfile::TempDir;
 
 const TOPICS: Topics = Topics { scan: None, odometry: None };
 
-static PYTHON: LazyLock<Option<PathBuf>> =
-    LazyLock::new(|| python_with("mcap", &["rosbags==0.11.9", "mcap==1.6.0", "numpy"]));
+static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(python);
 
 /// Runs the writer of bags; `None` where there is no Python for it.
 fn write_bags(arguments: &[&str]) -> Option<()> {

@@ -1,14 +1,16 @@
 //! Arguments -> configuration -> run -> exit code.
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 use ipslam::config::ConfigError;
 use std::process::ExitCode;
 
 mod backend;
 mod bench;
 mod configuration;
+mod convert;
 mod devices;
 mod eval;
+mod help;
 mod interrupt;
 mod log;
 mod mapping;
@@ -54,6 +56,9 @@ enum Command {
     Devices(devices::DevicesArgs),
     #[command(after_help = EXIT_CODES)]
     Bench(bench::BenchArgs),
+    Convert(convert::ConvertArgs),
+    Completions(help::CompletionsArgs),
+    Man(help::ManArgs),
 }
 
 /// Runs the command line.
@@ -66,6 +71,9 @@ pub fn main() -> ExitCode {
         Command::Simulate(args) => simulate::simulate(&args).err().into_iter().collect(),
         Command::Devices(args) => devices::devices(&args).unwrap_or_else(|error| vec![error]),
         Command::Bench(args) => bench::bench(&args).unwrap_or_else(|error| vec![error]),
+        Command::Convert(args) => convert::convert(&args).err().into_iter().collect(),
+        Command::Completions(args) => help::completions(&args, Cli::command()).err().into_iter().collect(),
+        Command::Man(args) => help::man(&args, Cli::command()).err().into_iter().collect(),
     };
     for error in &errors {
         eprintln!("error: {}", with_causes(error));

@@ -4,8 +4,8 @@ use super::mapping::Mapped;
 use anyhow::Context as _;
 use ipslam::config::Config;
 use ipslam::geometry::StampedPose;
-use ipslam::grid::{FreeArea, GridBuilder, GridError, RESOLUTION};
-use ipslam::io::{LogEntry, LogSource, map_json, tum, write_whole};
+use ipslam::grid::{FreeArea, GridBuilder, RESOLUTION};
+use ipslam::io::{LogEntry, LogSource, geojson, map_json, map_server, tum, write_whole};
 use ipslam::picture::Figures;
 use ipslam::ppca::Cluster;
 use ipslam::scan::Scan;
@@ -65,8 +65,8 @@ impl Outputs {
         bytes.len()
     }
 
-    /// Reads the log again for its points, as far as it was mapped; writes the map with its free area, and draws the
-    /// pictures. Returns the size of `map.json` in bytes.
+    /// Reads the log again for its points, as far as it was mapped; writes the map with its free area, the grid and the
+    /// walls, and draws the pictures. Returns the size of `map.json` in bytes.
     ///
     /// `reference` is in the world's frame.
     pub fn look_again(
@@ -83,15 +83,19 @@ impl Outputs {
         self.note(added.context("the log cannot be read again for the grid and the pictures"));
         let driven = result.trajectory.iter().map(|stamped| stamped.pose.position());
         let free = match builder.finish() {
-            Ok(grid) => FreeArea::from_grid(&grid, driven),
-            // A log of empty scans has nothing to tell, which the summary does tell.
-            Err(GridError::Empty) => None,
+            Ok(grid) => {
+                let written = map_server::write(&self.path("map.yaml"), &grid);
+                self.note(written);
+                FreeArea::from_grid(&grid, driven)
+            }
             Err(error) => {
                 self.note(Err(error));
                 None
             }
         };
         let map_bytes = self.write_map(&result.map, free.as_ref());
+        let walls = write_whole(&self.path("walls.geojson"), |file| geojson::write_walls(&result.map, file));
+        self.note(walls);
         self.draw(&figures);
         map_bytes
     }

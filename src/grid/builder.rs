@@ -108,8 +108,7 @@ impl GridBuilder {
         Self { resolution, counts: Vec::new(), allotted: Extent::default(), seen: Extent::default() }
     }
 
-    /// Adds the beams of a scan that had a return. What is not finite is left out, and once the grid became too large
-    /// so is everything.
+    /// Adds the beams of a scan that had a return. What is not finite is left out, and once the grid became too large so is everything.
     pub fn add_scan(&mut self, scan: &Scan, robot_from_laser: Pose, world_from_robot: Pose) {
         let laser = (world_from_robot * robot_from_laser).position() / self.resolution;
         if !has_cell(laser) {
@@ -117,9 +116,6 @@ impl GridBuilder {
         }
         let ends = scan.points.iter().map(|&point| world_from_robot * point / self.resolution);
         let ends: Vec<Point2<f64>> = ends.filter(|&end| has_cell(end)).collect();
-        if ends.is_empty() {
-            return;
-        }
         let reached = ends.iter().map(|&end| Extent::of_cell(cell_of(end)));
         self.seen = reached.fold(self.seen.union(Extent::of_cell(cell_of(laser))), Extent::union);
         if self.seen.cells() > MOST_CELLS {
@@ -136,7 +132,7 @@ impl GridBuilder {
     /// The grid of all scans so far, as small as it can be.
     ///
     /// # Errors
-    /// It would have too many cells, or no beam had a return.
+    /// It would have too many cells, or there was no scan.
     pub fn finish(self) -> Result<OccupancyGrid, GridError> {
         let [width, height] = self.seen.size();
         if self.seen.cells() > MOST_CELLS {
@@ -180,7 +176,7 @@ fn has_cell(point: Point2<f64>) -> bool {
     point.iter().all(|coordinate| coordinate.abs() < FARTHEST_CELL)
 }
 
-fn cell_of(point: Point2<f64>) -> [i64; 2] {
+pub(super) fn cell_of(point: Point2<f64>) -> [i64; 2] {
     [point.x.floor() as i64, point.y.floor() as i64]
 }
 
@@ -188,7 +184,7 @@ fn cell_of(point: Point2<f64>) -> [i64; 2] {
 ///
 /// Lengths are in cells. How many borders there are to cross is known in whole numbers at the start; only which comes
 /// next is computed, so rounding can't lead past the end.
-fn traverse(from: Point2<f64>, to: Point2<f64>, mut visit: impl FnMut([i64; 2])) {
+pub(super) fn traverse(from: Point2<f64>, to: Point2<f64>, mut visit: impl FnMut([i64; 2])) {
     let (mut at, end, ray) = (cell_of(from), cell_of(to), to - from);
     let step = [0, 1].map(|axis: usize| (end[axis] - at[axis]).signum());
     let mut borders = [0, 1].map(|axis: usize| (end[axis] - at[axis]).abs());

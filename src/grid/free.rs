@@ -100,6 +100,14 @@ impl FreeArea {
         self.world_from_grid
     }
 
+    /// The ends of its runs, in the world's frame: all of it lies between them.
+    pub(super) fn corners(&self) -> impl Iterator<Item = Point2<f64>> + '_ {
+        self.runs.iter().flat_map(|run| {
+            let corners = [(run.start, run.row), (run.end, run.row), (run.start, run.row + 1), (run.end, run.row + 1)];
+            corners.map(|(x, y)| self.world_from_grid * (Point2::new(f64::from(x), f64::from(y)) * self.cell))
+        })
+    }
+
     /// Whether a point of the world \[m\] is in it.
     pub fn contains(&self, point: Point2<f64>) -> bool {
         let at = self.world_from_grid.inverse() * point / self.cell;

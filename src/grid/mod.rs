@@ -2,16 +2,18 @@
 //!
 //! The filter's map is clusters; a grid is what other programs read, what tells where there is *nothing*, and what a
 //! map drawn elsewhere comes as. In: scans with poses ([`GridBuilder`]), or a file. Out: an [`OccupancyGrid`], from it
-//! the [`FreeArea`] where a robot can be, and the walls as line clusters ([`clusters`]).
+//! the [`FreeArea`] where a robot can be, and the walls as line clusters ([`clusters`]). The way back is [`drawn()`].
 
 use crate::geometry::Pose;
 use nalgebra::Point2;
 
 mod builder;
+mod drawn;
 mod free;
 mod walls;
 
 pub use builder::GridBuilder;
+pub use drawn::drawn;
 pub use free::FreeArea;
 pub use walls::clusters;
 
@@ -60,8 +62,8 @@ pub enum GridError {
         /// Side of a cell \[m\].
         resolution: f64,
     },
-    /// No beam ended anywhere.
-    #[error("there is no grid of no scans: not one beam has a return")]
+    /// Nothing was seen or is to be drawn.
+    #[error("there is nothing to make a grid of: no scan with a finite pose, or no wall and no free area")]
     Empty,
     /// Its numbers do not fit each other.
     #[error("no grid: {0}")]

@@ -12,7 +12,11 @@ use std::collections::BTreeMap;
 /// Side of the squares that are clustered one by one \[m\]: each holds about as many points as a scan.
 const SQUARE: f64 = 4.0;
 
-/// The walls of a grid, in the world's frame: the occupied cells that border free ones, clustered like the points of a
+/// A wall's face may be this far from free cells, with unknown ones between \[m\]: those of a [`FreeArea`](super::FreeArea)
+/// keep away from walls by up to their diagonal.
+const FACE_GAP: f64 = 0.4;
+
+/// The walls of a grid, in the world's frame: the occupied cells that face free ones, clustered like the points of a
 /// scan, square by square, and joined across the squares' borders.
 ///
 /// `config` is that of a scan. Where a cell is wider than the thickness and gaps that it allows, a cell's width counts.
@@ -21,8 +25,7 @@ pub fn clusters(grid: &OccupancyGrid, config: &ClusteringConfig) -> Vec<Cluster>
     let mut squares: BTreeMap<[i64; 2], Vec<Point2<f64>>> = BTreeMap::new();
     let cells_across = (SQUARE / grid.resolution()).ceil().max(1.0) as i64;
     for [column, row] in grid.places(Cell::Occupied) {
-        let neighbours = [[column - 1, row], [column + 1, row], [column, row - 1], [column, row + 1]];
-        if neighbours.iter().any(|&[column, row]| grid.cell(column, row) == Cell::Free) {
+        if faces_free(grid, [column, row]) {
             let square = squares.entry([column / cells_across, row / cells_across]).or_default();
             square.push(grid.centre(column, row));
         }
@@ -39,4 +42,13 @@ pub fn clusters(grid: &OccupancyGrid, config: &ClusteringConfig) -> Vec<Cluster>
     let default = MergingConfig::default();
     let merging = MergingConfig { max_across: default.max_across.max(max_across), consolidate: true, ..default };
     consolidated(&pieces, &MatchingConfig::default(), &merging)
+}
+
+/// Whether the first cell that is known, left, right, below or above, is free.
+fn faces_free(grid: &OccupancyGrid, [column, row]: [i64; 2]) -> bool {
+    let farthest = (FACE_GAP / grid.resolution()).max(1.0) as i64;
+    [[-1, 0], [1, 0], [0, -1], [0, 1]].iter().any(|[x, y]| {
+        let mut seen = (1..=farthest).map(|step| grid.cell(column + step * x, row + step * y));
+        seen.find(|&cell| cell != Cell::Unknown) == Some(Cell::Free)
+    })
 }

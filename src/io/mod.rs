@@ -10,7 +10,9 @@ use std::path::{Path, PathBuf};
 
 pub mod carmen;
 mod columns;
+pub mod geojson;
 pub mod map_json;
+pub mod map_server;
 pub mod mcap;
 mod open;
 pub mod relations;

@@ -1,27 +1,46 @@
-//! Python packages from PyPI for tests whose oracle they are, in an environment of their own under `target/`.
+//! Python with packages that read what ipslam writes, and write what it reads.
 
-use std::path::PathBuf;
+use std::fs::File;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// A Python that finds these packages (`name==version`); `None`, with a notice, where it cannot be had and is not
-/// required. `name` is of the environment's folder.
-pub fn python_with(name: &str, packages: &[&str]) -> Option<PathBuf> {
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("python-{name}"));
-    let python = folder.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
-    let succeeds = |command: &mut Command| command.output().is_ok_and(|output| output.status.success());
-    // The file tells which packages were installed whole.
-    let (done, wanted) = (folder.join("installed"), packages.join(" "));
-    if std::fs::read_to_string(&done).is_ok_and(|installed| installed == wanted) {
-        return Some(python);
-    }
-    let made = succeeds(Command::new("python3").args(["-m", "venv"]).arg(&folder))
-        && succeeds(Command::new(&python).args(["-m", "pip", "install", "-q"]).args(packages))
-        && std::fs::write(&done, &wanted).is_ok();
-    if made {
-        return Some(python);
-    }
+/// What the tests ask for.
+const PACKAGES: [&str; 9] =
+    ["evo", "PyYAML", "Pillow", "jsonschema", "geojson", "shapely", "rosbags==0.11.9", "mcap==1.6.0", "numpy"];
+
+/// A Python with these packages, in an environment of its own that the first test makes. `None`, with a notice, where it
+/// cannot be had and IPSLAM_REQUIRE does not name `python`.
+pub fn python() -> Option<PathBuf> {
+    let missing = match environment() {
+        Ok(python) => return Some(python),
+        Err(missing) => missing,
+    };
     let required = std::env::var("IPSLAM_REQUIRE").is_ok_and(|required| required.contains("python"));
-    assert!(!required, "IPSLAM_REQUIRE asks for python, but a venv with {wanted} cannot be made");
-    eprintln!("SKIPPED, NOT TESTED: python3 cannot make a venv with {wanted}");
+    assert!(!required, "IPSLAM_REQUIRE asks for python, but {missing}");
+    eprintln!("SKIPPED, NOT TESTED: {missing}");
     None
+}
+
+fn environment() -> Result<PathBuf, String> {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python");
+    let (python, complete) = (folder.join("bin/python"), folder.join("packages"));
+    // One test makes it, the others wait.
+    let lock = File::create(folder.with_extension("lock")).map_err(|error| format!("there is no lock: {error}"))?;
+    lock.lock().map_err(|error| format!("there is no lock: {error}"))?;
+    let wanted = PACKAGES.join(" ");
+    if std::fs::read_to_string(&complete).is_ok_and(|found| found == wanted) {
+        return Ok(python);
+    }
+    succeed(Command::new("python3").args(["-m", "venv"]).arg(&folder))?;
+    succeed(Command::new(&python).args(["-m", "pip", "install", "-q"]).args(PACKAGES))?;
+    std::fs::write(&complete, wanted).map_err(|error| format!("{}: {error}", complete.display()))?;
+    Ok(python)
+}
+
+fn succeed(command: &mut Command) -> Result<(), String> {
+    match command.output() {
+        Ok(done) if done.status.success() => Ok(()),
+        Ok(done) => Err(format!("{command:?} failed: {}", String::from_utf8_lossy(&done.stderr).trim())),
+        Err(error) => Err(format!("{command:?} cannot be run: {error}")),
+    }
 }

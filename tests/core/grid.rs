@@ -4,12 +4,12 @@ use super::uniforms;
 use ipslam::clustering::ClusteringConfig;
 use ipslam::config::ScanConfig;
 use ipslam::geometry::Pose;
-use ipslam::grid::{Cell, FreeArea, GridBuilder, GridError, OccupancyGrid, RESOLUTION, clusters};
+use ipslam::grid::{Cell, FreeArea, GridBuilder, GridError, OccupancyGrid, RESOLUTION, clusters, drawn};
 use ipslam::io::{LogEntry, LogSource as _};
 use ipslam::ppca::Cluster;
 use ipslam::scan::Scan;
 use ipslam::simulate::{Simulation, Wall, building};
-use nalgebra::{Point2, distance};
+use nalgebra::{Point2, Vector2, distance};
 use std::sync::LazyLock;
 
 /// The built-in building as seen from the true poses of a drive, and these poses.
@@ -144,6 +144,8 @@ fn what_is_absurd_makes_no_grid() {
     let nothing = Scan { points: vec![Point2::new(f64::NAN, 0.0)], ..Scan::default() };
     let mut builder = GridBuilder::new(0.05);
     builder.add_scan(&nothing, Pose::IDENTITY, Pose::IDENTITY);
+    assert_eq!(builder.finish().unwrap().cells(), [Cell::Unknown], "where the robot was");
+    let mut builder = GridBuilder::new(0.05);
     builder.add_scan(&far, Pose::IDENTITY, Pose { x: f64::NAN, ..Pose::IDENTITY });
     builder.add_scan(&far, Pose::IDENTITY, Pose::new(1e300, 0.0, 0.0));
     assert!(matches!(builder.finish(), Err(GridError::Empty)));
@@ -160,7 +162,7 @@ fn what_is_absurd_makes_no_grid() {
 }
 
 /// A grid of 0.25 m cells from rows of text, the upper one first: `.` free, `#` occupied, blank unknown.
-fn drawn(rows: &[&str], world_from_grid: Pose) -> OccupancyGrid {
+fn sketch(rows: &[&str], world_from_grid: Pose) -> OccupancyGrid {
     let cell = |letter| match letter {
         '.' => Cell::Free,
         '#' => Cell::Occupied,
@@ -175,7 +177,7 @@ const TWO_ROOMS: [&str; 5] = ["....#....", "....#....", "..#.#....", "....#...."
 #[test]
 fn the_free_area_is_where_the_robot_drove() {
     let world_from_grid = Pose::new(10.0, -5.0, 0.7);
-    let grid = drawn(&TWO_ROOMS, world_from_grid);
+    let grid = sketch(&TWO_ROOMS, world_from_grid);
     let at = |column: f64, row: f64| world_from_grid * Point2::new(0.25 * column, 0.25 * row);
     let cells = |area: &FreeArea| (area.area() / 0.0625).round() as u32;
     // The left room has 16 free cells, the right one 20.
@@ -196,7 +198,7 @@ fn the_free_area_is_where_the_robot_drove() {
     }
     // A door that was open for the robot joins the rooms.
     assert_eq!(cells(&FreeArea::from_grid(&grid, [at(4.5, 1.5)]).unwrap()), 37);
-    assert!(FreeArea::from_grid(&drawn(&["## "], Pose::IDENTITY), []).is_none());
+    assert!(FreeArea::from_grid(&sketch(&["## "], Pose::IDENTITY), []).is_none());
 }
 
 /// Cells of 5 cm: a quarter of a metre is free with a speck in it, but not with a wall.
@@ -213,7 +215,7 @@ fn a_speck_is_no_wall() {
 
 #[test]
 fn samples_are_uniform() {
-    let area = FreeArea::from_grid(&drawn(&TWO_ROOMS, Pose::new(3.0, 4.0, -2.0)), []).unwrap();
+    let area = FreeArea::from_grid(&sketch(&TWO_ROOMS, Pose::new(3.0, 4.0, -2.0)), []).unwrap();
     let grid_from_world = area.world_from_grid().inverse();
     let (mut numbers, draws) = (uniforms(11), 20_000);
     // Each of the 20 cells in quarters.
@@ -239,4 +241,30 @@ fn samples_are_uniform() {
     for u in ends.iter().flat_map(|&a| ends.map(|b| [a, b])) {
         assert!(area.contains(area.sample(u)), "{u:?}");
     }
+}
+
+#[test]
+fn a_map_is_drawn_and_read_back() {
+    let (grid, path) = driven();
+    let walls = clusters(&grid, &ClusteringConfig::default());
+    let free = FreeArea::from_grid(&grid, path.iter().copied());
+    let again = drawn(&walls, free.as_ref(), 0.1).unwrap();
+    let occupied = centres(&again, Cell::Occupied);
+    assert!(occupied.len() > 1000 && share(&occupied, |point| wall_distance(point) < 0.2) > 0.95);
+    assert!(path.iter().filter(|&&place| again.at(place) == Cell::Free).count() as f64 > 0.99 * path.len() as f64);
+    let area = centres(&again, Cell::Free).len() as f64 * 0.01;
+    let expected = free.unwrap().area();
+    assert!((area - expected).abs() < 0.1 * expected, "{area} m² are drawn of {expected} m²");
+
+    // A wall from (0, 0) to (1, 0) in cells of 0.25 m, with a margin of two.
+    let wall = super::wall::wall([0.1, 0.1], [0.9, 0.1], 0.01, 10.0);
+    let one = drawn(&[wall], None, 0.25).unwrap();
+    assert_eq!((one.width(), one.height(), one.world_from_grid()), (8, 5, Pose::new(-0.5, -0.5, 0.0)));
+    let places: Vec<Point2<f64>> = centres(&one, Cell::Occupied);
+    assert_eq!(places, [0.125, 0.375, 0.625, 0.875].map(|x| Point2::new(x, 0.125)));
+    assert!(matches!(drawn(&[], None, 0.1), Err(GridError::Empty)));
+    let endless = Cluster { along_variance: f64::INFINITY, ..wall };
+    assert!(matches!(drawn(&[endless], None, 0.1), Err(GridError::Empty)));
+    let long = Cluster { along_variance: 1e12, across_variance: 1e12, direction: Vector2::new(0.6, 0.8), ..wall };
+    assert!(matches!(drawn(&[long], None, 0.1), Err(GridError::TooLarge { .. })));
 }

@@ -1,0 +1,148 @@
+//! `ipslam convert`: a log or a map in another format.
+
+use anyhow::{Context as _, anyhow, bail};
+use flate2::{Compression, write::GzEncoder};
+use ipslam::clustering::ClusteringConfig;
+use ipslam::grid::{FreeArea, OccupancyGrid, RESOLUTION, clusters, drawn};
+use ipslam::io::carmen::{CarmenLog, CarmenWriter};
+use ipslam::io::map_json::SavedMap;
+use ipslam::io::{LogSource as _, geojson, map_json, map_server, write_whole};
+use ipslam::picture::Picture;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+const POSSIBLE: &str = "Formats, by the endings of the names:
+  logs   in: CARMEN, plain or gzip; out: .clf, .log, .clf.gz, .log.gz (CARMEN)
+  maps   in: .json (map.json), .yaml (grid of ROS's map_server, with its PGM or PNG);
+         out: .json, .yaml (and .pgm), .geojson (walls), .svg (picture)";
+
+/// Writes a log or a map in another format.
+#[derive(Debug, clap::Args)]
+#[command(after_help = POSSIBLE)]
+pub struct ConvertArgs {
+    /// Log or map to read
+    input: PathBuf,
+    /// File to write; its ending tells the format
+    output: PathBuf,
+}
+
+/// What an ending stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Format {
+    Log,
+    LogGzip,
+    Json,
+    MapServer,
+    GeoJson,
+    Svg,
+}
+
+impl Format {
+    fn of(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_string_lossy().to_lowercase();
+        let endings = [
+            (".clf", Self::Log),
+            (".log", Self::Log),
+            (".clf.gz", Self::LogGzip),
+            (".log.gz", Self::LogGzip),
+            (".json", Self::Json),
+            (".yaml", Self::MapServer),
+            (".yml", Self::MapServer),
+            (".geojson", Self::GeoJson),
+            (".svg", Self::Svg),
+        ];
+        endings.iter().find(|(ending, _)| name.ends_with(ending)).map(|&(_, format)| format)
+    }
+
+    fn is_log(self) -> bool {
+        matches!(self, Self::Log | Self::LogGzip)
+    }
+}
+
+/// A map as it was read.
+enum Map {
+    Clusters(SavedMap),
+    Grid(OccupancyGrid),
+}
+
+/// Reads the one and writes the other.
+pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
+    let ConvertArgs { input, output } = args;
+    let format = Format::of(output)
+        .with_context(|| format!("{}: the ending of this name tells no format\n{POSSIBLE}", output.display()))?;
+    let map = match Format::of(input) {
+        Some(Format::Json) => Map::Clusters(map_json::read_map(input)?),
+        Some(Format::MapServer) => Map::Grid(map_server::read(input)?),
+        Some(Format::GeoJson | Format::Svg) => bail!("{}: this format is only written\n{POSSIBLE}", input.display()),
+        // The name of a log may end in anything.
+        Some(Format::Log | Format::LogGzip) | None if format.is_log() => return convert_log(input, output, format),
+        Some(Format::Log | Format::LogGzip) | None => {
+            let input = input.display();
+            bail!("{input} would be read as a log, and a log is made a map by `ipslam run {input}`\n{POSSIBLE}")
+        }
+    };
+    match format {
+        Format::Log | Format::LogGzip => bail!("{}: a map makes no log\n{POSSIBLE}", input.display()),
+        Format::MapServer => map_server::write(output, &map.grid()?)?,
+        Format::Json => {
+            let SavedMap { clusters, free } = map.clusters();
+            write_whole(output, |file| map_json::write_map(&clusters, free.as_ref(), file))?;
+        }
+        Format::GeoJson => write_whole(output, |file| geojson::write_walls(&map.clusters().clusters, file))?,
+        Format::Svg => {
+            let name = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            let SavedMap { clusters, .. } = map.clusters();
+            let picture = Picture::new(name).note(format!("{} clusters", clusters.len())).clusters(&clusters);
+            write_whole(output, |file| file.write_all(picture.to_svg().as_bytes()))?;
+        }
+    }
+    Ok(())
+}
+
+impl Map {
+    fn clusters(self) -> SavedMap {
+        match self {
+            Self::Clusters(map) => map,
+            Self::Grid(grid) => SavedMap {
+                clusters: clusters(&grid, &ClusteringConfig::default()),
+                free: FreeArea::from_grid(&grid, []),
+            },
+        }
+    }
+
+    fn grid(self) -> anyhow::Result<OccupancyGrid> {
+        match self {
+            Self::Clusters(SavedMap { clusters, free }) => Ok(drawn(&clusters, free.as_ref(), RESOLUTION)?),
+            Self::Grid(grid) => Ok(grid),
+        }
+    }
+}
+
+fn convert_log(input: &Path, output: &Path, format: Format) -> anyhow::Result<()> {
+    let mut entries = CarmenLog::new(input).open()?;
+    write_whole(output, |file| {
+        if format == Format::LogGzip {
+            let mut packed = GzEncoder::new(file, Compression::default());
+            write_log(&mut entries, &mut packed)?;
+            packed.finish().map(|_| ())
+        } else {
+            write_log(&mut entries, file)
+        }
+    })?;
+    let stats = entries.stats();
+    match &stats.first_malformed {
+        None => Ok(()),
+        Some(first) => Err(anyhow!("{} lines were left out; the first one: {first}", stats.malformed)),
+    }
+}
+
+fn write_log(
+    entries: &mut dyn Iterator<Item = Result<ipslam::io::LogEntry, ipslam::io::LogError>>,
+    out: impl Write,
+) -> std::io::Result<()> {
+    let mut writer = CarmenWriter::new(out);
+    for entry in entries {
+        writer.write(&entry.map_err(std::io::Error::other)?)?;
+    }
+    writer.finish().map(|_| ())
+}
