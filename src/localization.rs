@@ -55,8 +55,10 @@ pub struct LocalizationConfig {
     pub fast_memory: f64,
     /// The robot is located where one place has this share of the weight ...
     pub located_weight: f64,
-    /// ... and the map explains this share of what it could explain of the scan at best.
+    /// ... the map explains this share of what it could explain of the scan at best ...
     pub located_explained: f64,
+    /// ... and both has been so for this many steps: rooms look alike, but not the way from one to the next.
+    pub located_steps: u32,
 }
 
 impl Default for LocalizationConfig {
@@ -70,7 +72,8 @@ impl Default for LocalizationConfig {
             slow_memory: 0.02,
             fast_memory: 0.3,
             located_weight: 0.95,
-            located_explained: 0.5,
+            located_explained: 0.6,
+            located_steps: 6,
         }
     }
 }
@@ -125,8 +128,10 @@ pub struct Localization {
     evaluator: Failover,
     particles: Vec<LocalPose>,
     estimate: Option<Estimate>,
-    /// How well scans fit: long and short memory.
-    memory: Option<[f64; 2]>,
+    /// How well scans fit: long and short memory. At first as if they had just been good enough.
+    memory: [f64; 2],
+    /// Steps since the pose could not be relied on.
+    good_steps: u32,
     steps: u32,
     /// The motion since the last step.
     motion: Motion,
@@ -157,7 +162,8 @@ impl Localization {
             evaluator: Failover::new(evaluator),
             particles: Vec::new(),
             estimate: None,
-            memory: None,
+            memory: [config.localization.located_explained; 2],
+            good_steps: 0,
             steps: 0,
             motion: Motion::none(),
             last_odometry: None,
@@ -335,8 +341,10 @@ impl Localization {
         let range = f64::from(points) * (at_best - likelihood.outlier_density.ln());
         let gained = f64::from(best.log_likelihood) - f64::from(points) * likelihood.outlier_density.ln();
         let explained = if range > 0.0 { (gained / range).clamp(0.0, 1.0) } else { 0.0 };
-        let LocalizationConfig { located_weight, located_explained, .. } = self.config.localization;
-        let is_located = mode.weight >= located_weight && explained >= located_explained;
+        let LocalizationConfig { located_weight, located_explained, located_steps, .. } = self.config.localization;
+        let is_good = mode.weight >= located_weight && explained >= located_explained;
+        self.good_steps = if is_good { self.good_steps.saturating_add(1) } else { 0 };
+        let is_located = self.good_steps >= located_steps;
         let confidence = Confidence { weight: mode.weight, explained, is_located };
         Estimate { world_from_robot: best.pose.in_world(self.table.anchor()), confidence }
     }
@@ -344,9 +352,9 @@ impl Localization {
     /// Renews both memories; returns the share of particles that should come from anywhere.
     fn remember(&mut self, explained: f64) -> f64 {
         let LocalizationConfig { slow_memory, fast_memory, .. } = self.config.localization;
-        let [slow, fast] = self.memory.unwrap_or([explained; 2]);
+        let [slow, fast] = self.memory;
         let [slow, fast] = [slow + slow_memory * (explained - slow), fast + fast_memory * (explained - fast)];
-        self.memory = Some([slow, fast]);
+        self.memory = [slow, fast];
         if slow > 0.0 { (1.0 - fast / slow).max(0.0) } else { 0.0 }
     }
 

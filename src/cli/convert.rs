@@ -4,9 +4,10 @@ use anyhow::{Context as _, anyhow, bail};
 use flate2::{Compression, write::GzEncoder};
 use ipslam::clustering::ClusteringConfig;
 use ipslam::grid::{FreeArea, OccupancyGrid, RESOLUTION, clusters, drawn};
-use ipslam::io::carmen::{CarmenLog, CarmenWriter};
+use ipslam::io::carmen::CarmenWriter;
 use ipslam::io::map_json::SavedMap;
-use ipslam::io::{LogSource as _, geojson, map_json, map_server, write_whole};
+use ipslam::io::mcap::Topics;
+use ipslam::io::{geojson, map_json, map_server, open_log, write_whole};
 use ipslam::picture::Picture;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -119,7 +120,7 @@ impl Map {
 }
 
 fn convert_log(input: &Path, output: &Path, format: Format) -> anyhow::Result<()> {
-    let mut entries = CarmenLog::new(input).open()?;
+    let mut entries = open_log(input, &Topics::default())?.open()?;
     write_whole(output, |file| {
         if format == Format::LogGzip {
             let mut packed = GzEncoder::new(file, Compression::default());

@@ -98,7 +98,7 @@ pub fn map_log(
             tally.step(report);
             observers.iter_mut().for_each(|observer| observer.on_step(report));
         });
-        progress.update(reader.progress().map_or(tally.scans, |(done, _)| done), &tally);
+        progress.update(reader.progress().map_or(tally.scans, |(done, _)| done), |seconds| tally.progress(seconds));
     };
     progress.finish();
     let filter_seconds = began.elapsed().as_secs_f64();
@@ -149,6 +149,17 @@ impl Tally {
         self.times.weigh += weigh;
         self.times.resample += resample;
         self.times.merge += merge;
+    }
+
+    /// What the progress bar says.
+    fn progress(&self, seconds: f64) -> String {
+        format!(
+            "{:.0} scans/s, {:.0}x real time, ESS {:.0}, {} clusters",
+            self.scans as f64 / seconds,
+            self.log_seconds() / seconds,
+            self.effective_last,
+            self.clusters,
+        )
     }
 
     /// Time from the first entry to the latest [s].

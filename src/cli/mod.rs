@@ -12,6 +12,7 @@ mod devices;
 mod eval;
 mod help;
 mod interrupt;
+mod localize;
 mod log;
 mod mapping;
 mod output;
@@ -45,7 +46,9 @@ enum Command {
     #[command(after_help = EXIT_CODES)]
     Run(Box<run::RunArgs>),
     #[command(after_help = EXIT_CODES)]
-    Replay(replay::ReplayArgs),
+    Localize(Box<localize::LocalizeArgs>),
+    #[command(after_help = EXIT_CODES)]
+    Replay(Box<replay::ReplayArgs>),
     #[command(after_help = EXIT_CODES)]
     View(view::ViewArgs),
     #[command(after_help = EXIT_CODES)]
@@ -65,6 +68,7 @@ enum Command {
 pub fn main() -> ExitCode {
     let errors = match Cli::parse().command {
         Command::Run(args) => run::run(&args).unwrap_or_else(|error| vec![error]),
+        Command::Localize(args) => localize::localize(&args).unwrap_or_else(|error| vec![error]),
         Command::Replay(args) => replay::replay(&args).unwrap_or_else(|error| vec![error]),
         Command::View(args) => view::view(&args).err().into_iter().collect(),
         Command::Eval(args) => eval::eval(&args).err().into_iter().collect(),

@@ -1,6 +1,5 @@
 //! The progress bar: how far the log is, how fast, and how the filter does. None where stderr is no terminal.
 
-use super::mapping::Tally;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::time::{Duration, Instant};
 
@@ -26,21 +25,15 @@ impl Progress {
         Self { bar, began: now, updated: now }
     }
 
-    /// Shows where the run is.
-    pub fn update(&mut self, done: u64, tally: &Tally) {
+    /// Shows where the run is; what is said besides may depend on the seconds since it began.
+    pub fn update(&mut self, done: u64, message: impl FnOnce(f64) -> String) {
         if self.updated.elapsed() < EVERY || self.bar.is_hidden() {
             return;
         }
         self.updated = Instant::now();
         let seconds = self.began.elapsed().as_secs_f64();
         self.bar.set_position(done);
-        self.bar.set_message(format!(
-            "{:.0} scans/s, {:.0}x real time, ESS {:.0}, {} clusters",
-            tally.scans as f64 / seconds,
-            tally.log_seconds() / seconds,
-            tally.effective_last,
-            tally.clusters,
-        ));
+        self.bar.set_message(message(seconds));
     }
 
     /// Takes the bar away.

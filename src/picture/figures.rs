@@ -63,17 +63,26 @@ impl<'a> Figures<'a> {
 
     /// Draws everything: file names and what is in the files.
     pub fn finish(&self) -> Result<Vec<(&'static str, Vec<u8>)>, PictureError> {
-        let drawn: Vec<Vec<_>> = self
-            .pictures()
-            .into_par_iter()
-            .map(|(png_name, svg_name, picture)| {
-                let svg = picture.to_svg();
-                let png = svg_to_png(&svg, PNG_SIDE)?;
-                let svg = svg_name.map(|name| (name, svg.into_bytes()));
-                Ok(svg.into_iter().chain([(png_name, png)]).collect())
-            })
-            .collect::<Result<_, PictureError>>()?;
+        let drawn: Vec<_> = self.pictures().into_par_iter().map(drawn).collect::<Result<_, PictureError>>()?;
         Ok(drawn.into_iter().flatten().collect())
+    }
+
+    /// Draws the map, the path and the points alone.
+    pub fn map(&self) -> Result<Vec<(&'static str, Vec<u8>)>, PictureError> {
+        drawn(("map.png", Some("map.svg"), self.map_picture()))
+    }
+
+    fn map_picture(&self) -> Picture<'_> {
+        let Self { name, result, .. } = self;
+        let path = &result.trajectory[..];
+        let scans = format!("{} points of {} scans", thousands(self.registered.count()), thousands(self.scans));
+        let (clusters, length) = (result.map.len(), path_length(path));
+        Picture::new(name)
+            .note(format!("{clusters} clusters, {scans}; path {length:.0} m"))
+            .view(View::around([path], &result.map, Some(&self.registered)))
+            .points("laser points", &self.registered)
+            .clusters(&result.map)
+            .trajectory("trajectory", Line::ESTIMATE, path)
     }
 
     /// Every picture with the name of its PNG, and of its SVG where that is written as well.
@@ -85,12 +94,6 @@ impl<'a> Figures<'a> {
         let scans = format!("{} points of {} scans", thousands(self.registered.count()), thousands(self.scans));
         let length = path_length(path);
 
-        let map = Picture::new(name)
-            .note(format!("{clusters} clusters from {scans}; path {length:.0} m"))
-            .view(view)
-            .points("laser points", &self.registered)
-            .clusters(&result.map)
-            .trajectory("trajectory", Line::ESTIMATE, path);
         let figure3 = Picture::new(format!("{name}: map by raw odometry"))
             .note(format!("{scans}; path {:.0} m", path_length(&self.odometry)))
             .points("laser points", &self.by_odometry)
@@ -120,7 +123,7 @@ impl<'a> Figures<'a> {
             .view(view)
             .points("projected laser points", &self.reprojected);
         [
-            ("map.png", Some("map.svg"), map),
+            ("map.png", Some("map.svg"), self.map_picture()),
             ("figure3_odometry_map.png", None, figure3),
             ("figure4a_trajectory.png", None, figure4a),
             ("figure4b_clusters.png", None, figure4b),
@@ -128,6 +131,16 @@ impl<'a> Figures<'a> {
             ("figure4d_reprojected.png", None, figure4d),
         ]
     }
+}
+
+/// The files of a picture.
+fn drawn(
+    (png_name, svg_name, picture): (&'static str, Option<&'static str>, Picture<'_>),
+) -> Result<Vec<(&'static str, Vec<u8>)>, PictureError> {
+    let svg = picture.to_svg();
+    let png = svg_to_png(&svg, PNG_SIDE)?;
+    let svg = svg_name.map(|name| (name, svg.into_bytes()));
+    Ok(svg.into_iter().chain([(png_name, png)]).collect())
 }
 
 /// Length of the way from pose to pose, in metres; pairs that are not finite are left out.

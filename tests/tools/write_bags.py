@@ -103,6 +103,7 @@ def write_file(bag):
             chunk_size=bag.get("chunk_size", 1 << 16),
             compression=COMPRESSION[bag.get("compression", "none")],
             use_chunking=bag.get("chunked", True),
+            enable_crcs=bag.get("checksums", True),
         )
         writer.start(profile="ros2", library="test")
         schemas, channels = {}, {}
