@@ -147,7 +147,7 @@ impl Config {
 const MOST_PARTICLES: usize = 10_000_000;
 
 /// Numbers with limits of their own, least and greatest; all others may be anything from 0 on, infinity included.
-const LIMITS: [(&str, f64, f64); 32] = [
+const LIMITS: [(&str, f64, f64); 34] = [
     ("scan.min_range", 0.0, 1e6),
     ("clustering.min_points", 2.0, 1e6),
     ("clustering.noise", 1e-6, 1e3),
@@ -175,7 +175,9 @@ const LIMITS: [(&str, f64, f64); 32] = [
     ("localization.min_particles", 1.0, 1e7),
     ("localization.kld_error", 1e-6, 1.0),
     ("localization.kld_quantile", 0.0, 10.0),
-    ("localization.sigma", 1e-6, 1e3),
+    ("localization.temper", 1e-6, 1e3),
+    ("localization.least_sigma", 1e-6, 1e3),
+    ("localization.most_sigma", 1e-6, 1e3),
     ("localization.slow_memory", 0.0, 1.0),
     ("localization.fast_memory", 0.0, 1.0),
     ("localization.located_weight", 0.0, 1.0),
@@ -249,6 +251,11 @@ impl Config {
         if min_particles > max_particles {
             let expected = format!("at most localization.max_particles, {max_particles}");
             return Err(ConfigError::value("localization.min_particles", min_particles, expected));
+        }
+        let LocalizationConfig { least_sigma, most_sigma, .. } = self.localization;
+        if least_sigma > most_sigma {
+            let expected = format!("at most localization.most_sigma, {most_sigma}");
+            return Err(ConfigError::value("localization.least_sigma", least_sigma, expected));
         }
         let ScanConfig { min_range, max_range } = self.scan;
         if min_range >= max_range {

@@ -47,8 +47,14 @@ pub struct LocalizationConfig {
     pub kld_error: f64,
     /// ... with a probability whose standard normal quantile this is.
     pub kld_quantile: f64,
-    /// Standard deviation of a wall while particles are weighed \[m\]: few particles come closer to the true pose.
-    pub sigma: f64,
+    /// Log-likelihoods are multiplied by this, in place of [`LikelihoodConfig::temper`]: places that look alike are told
+    /// apart by what comes after them, so both have to be kept till then.
+    pub temper: f64,
+    /// Least standard deviation of a wall while particles are weighed \[m\] ...
+    pub least_sigma: f64,
+    /// ... and greatest. In between it is half the distance of neighbouring particles: fewer do not come closer to the true
+    /// pose, and one that came close to a wrong one by chance would win.
+    pub most_sigma: f64,
     /// Share by which the long memory of how well scans fit is renewed each step.
     pub slow_memory: f64,
     /// The same of the short memory.
@@ -68,7 +74,9 @@ impl Default for LocalizationConfig {
             min_particles: 300,
             kld_error: 0.05,
             kld_quantile: 2.33,
-            sigma: 0.15,
+            temper: 0.01,
+            least_sigma: 0.1,
+            most_sigma: 0.5,
             slow_memory: 0.02,
             fast_memory: 0.3,
             located_weight: 0.95,
@@ -107,6 +115,12 @@ pub struct Estimate {
     pub confidence: Confidence,
 }
 
+/// Particles, each with the number of the one that it was before, and how many bins they are in.
+struct Drawn {
+    particles: Vec<(LocalPose, u32)>,
+    bins: usize,
+}
+
 /// Where much of the weight is, in the evaluator's frame.
 struct Mode {
     mean: Pose,
@@ -140,19 +154,16 @@ pub struct Localization {
 
 /// Size of a bin of KLD sampling, and of the search for the mode \[m, m, rad\].
 const BIN: [f64; 3] = [0.5, 0.5, PI / 18.0];
+/// A wall so far off \[m\] moves by as much when the robot turns as when it steps.
+const LEVER: f64 = 5.0;
 /// A mode is what lies this close around its mean \[m, rad\].
 const MODE: [f64; 2] = [1.0, 0.5];
 
 impl Localization {
     /// A filter that has seen nothing. Without a prior the robot may be anywhere in the free area.
     pub fn new(map: KnownMap, prior: Option<Prior>, config: Config, evaluator: Option<Box<dyn Evaluator>>) -> Self {
-        let likelihood = LikelihoodConfig { capture_sigma: config.localization.sigma, ..config.likelihood };
-        let mut pool = Pool::default();
-        let entry = |&cluster| MapCluster { cluster, last_step: 0, sightings: 1 };
-        let slots = map.clusters.iter().map(|cluster| pool.insert(entry(cluster))).collect();
-        let mut table = ClusterTable::new(likelihood);
-        // Particles may be anywhere, so the anchor is the middle of the map and stays there.
-        table.update(&mut pool, middle(&map.clusters));
+        let table = table(&map, config.localization.most_sigma, &config.likelihood);
+        let slots = (0..map.clusters.len() as Slot).collect();
         let mut this = Self {
             config,
             map,
@@ -168,7 +179,8 @@ impl Localization {
             motion: Motion::none(),
             last_odometry: None,
         };
-        this.particles = this.first_particles();
+        let first = this.first_particles();
+        this.take(first);
         this
     }
 
@@ -218,7 +230,7 @@ impl Localization {
         times.weigh = began.elapsed().as_secs_f64();
 
         let began = Instant::now();
-        let temper = self.config.likelihood.temper;
+        let temper = self.config.localization.temper;
         let log_weights: Vec<f64> = weighed.iter().map(|w| temper * f64::from(w.log_likelihood)).collect();
         let weights = normalised(&log_weights);
         let mode = self.mode(&weighed, &weights);
@@ -229,8 +241,9 @@ impl Localization {
 
         let began = Instant::now();
         let anywhere = self.remember(estimate.confidence.explained);
-        let (particles, parents) = self.resample(&weighed, &weights, anywhere);
-        self.particles = particles;
+        let drawn = self.resample(&weighed, &weights, anywhere);
+        let parents: Vec<u32> = drawn.particles.iter().map(|&(_, parent)| parent).collect();
+        self.take(drawn);
         times.resample += began.elapsed().as_secs_f64();
 
         let anchor = self.table.anchor();
@@ -360,14 +373,14 @@ impl Localization {
 
     /// KLD sampling: draws until there are enough particles for the bins that they are found in. Returns them with the
     /// number of the particle that each was before.
-    fn resample(&self, weighed: &[Weighed], weights: &[f64], anywhere: f64) -> (Vec<LocalPose>, Vec<u32>) {
+    fn resample(&self, weighed: &[Weighed], weights: &[f64], anywhere: f64) -> Drawn {
         let mut cumulative = weights.to_vec();
         cumulative.iter_mut().fold(0.0, |sum, weight| {
             *weight += sum;
             *weight
         });
         let total = cumulative.last().copied().unwrap_or(0.0);
-        let drawn = self.draw_enough(|number| {
+        self.draw_enough(|number| {
             let words = bits(self.config.seed, self.steps, number, Draw::Resample);
             if fraction(words[0], 0) < anywhere {
                 return (self.anywhere(self.steps, number), u32::MAX);
@@ -375,15 +388,14 @@ impl Localization {
             let target = fraction(words[1], words[2]) * total;
             let parent = cumulative.partition_point(|&sum| sum <= target).min(weighed.len() - 1);
             (weighed[parent].pose, parent as u32)
-        });
-        drawn.into_iter().unzip()
+        })
     }
 
     /// Draws until there are enough particles for the bins that they are found in; neighbours lie close together.
-    fn draw_enough(&self, draw: impl Fn(u32) -> (LocalPose, u32)) -> Vec<(LocalPose, u32)> {
+    fn draw_enough(&self, draw: impl Fn(u32) -> (LocalPose, u32)) -> Drawn {
         let LocalizationConfig { max_particles, min_particles, .. } = self.config.localization;
         let mut bins: HashSet<[i32; 3]> = HashSet::new();
-        let mut drawn = Vec::new();
+        let mut drawn: Vec<(LocalPose, u32)> = Vec::new();
         let mut enough = min_particles;
         while drawn.len() < enough.min(max_particles) {
             let one = draw(drawn.len() as u32);
@@ -393,7 +405,16 @@ impl Localization {
             drawn.push(one);
         }
         sort_by_place(&mut drawn, |drawn| drawn.0);
-        drawn
+        Drawn { particles: drawn, bins: bins.len() }
+    }
+
+    /// Goes on with these particles, and with walls as thick as they are sparse.
+    fn take(&mut self, Drawn { particles, bins }: Drawn) {
+        let LocalizationConfig { least_sigma, most_sigma, .. } = self.config.localization;
+        let volume = bins as f64 * BIN.iter().product::<f64>() / particles.len().max(1) as f64;
+        let sigma = (0.5 * (LEVER * volume).cbrt()).clamp(least_sigma, most_sigma);
+        self.table = table(&self.map, sigma, &self.config.likelihood);
+        self.particles = particles.into_iter().map(|(pose, _)| pose).collect();
     }
 
     /// So many particles keep the error of the distribution over `bins` bins below what is allowed (Fox 2003, eq. 7).
@@ -409,7 +430,7 @@ impl Localization {
     }
 
     /// Particles of the prior, as many as its bins take.
-    fn first_particles(&self) -> Vec<LocalPose> {
+    fn first_particles(&self) -> Drawn {
         let place = |number: u32| match self.prior {
             None => self.anywhere(u32::MAX, number),
             Some(Prior { world_from_robot, position, heading }) => {
@@ -419,7 +440,7 @@ impl Localization {
                 LocalPose::new(pose, self.table.anchor())
             }
         };
-        self.draw_enough(|number| (place(number), number)).into_iter().map(|(pose, _)| pose).collect()
+        self.draw_enough(|number| (place(number), number))
     }
 
     /// A pose anywhere in the free area.
@@ -429,6 +450,18 @@ impl Localization {
         let heading = TAU * fraction(words[2], 0) - PI;
         LocalPose::new(Pose::new(position.x, position.y, heading), self.table.anchor())
     }
+}
+
+/// The clusters of a map, with walls this thick \[m\] for particles that are sparse.
+fn table(map: &KnownMap, sigma: f64, likelihood: &LikelihoodConfig) -> ClusterTable {
+    let mut pool = Pool::default();
+    for &cluster in &map.clusters {
+        pool.insert(MapCluster { cluster, last_step: 0, sightings: 1 });
+    }
+    let mut table = ClusterTable::new(LikelihoodConfig { capture_sigma: sigma, ..*likelihood });
+    // Particles may be anywhere, so the anchor is the middle of the map and stays there.
+    table.update(&mut pool, middle(&map.clusters));
+    table
 }
 
 /// The bin of a pose.
