@@ -162,8 +162,6 @@ fn follow(mut filter: Localization, entries: &[Entry], first: usize, elsewhere: 
                 outcome.located += 1;
                 outcome.explained[usize::from(!is_right)].push(confidence.explained);
                 outcome.wrong += usize::from(!is_right);
-                    println!("first {first} way {way:.1} off {off:?} {confidence:?}");
-                }
                 if is_right {
                     outcome.found.get_or_insert((way, seconds));
                     outcome.errors.push(error);
