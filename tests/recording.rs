@@ -345,7 +345,7 @@ fn the_layout_travels_with_the_data() {
         .map(|view| view.0.to_string())
         .collect();
     views.sort();
-    assert_eq!(views, ["2D", "TimeSeries", "TimeSeries", "TimeSeries"]);
+    assert_eq!(views, ["2D", "TextDocument", "TimeSeries", "TimeSeries", "TimeSeries"]);
 }
 
 /// In a 2-D view y points down, so the world is turned around as a whole.

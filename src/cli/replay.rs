@@ -57,7 +57,7 @@ mod with_recorder {
     use super::super::output::Outputs;
     use super::super::run::Job;
     use super::ReplayArgs;
-    use anyhow::{anyhow, bail, ensure};
+    use anyhow::{bail, ensure};
     use ipslam::config::Config;
     use ipslam::io::{LogEntry, LogSource as _};
     use ipslam::record::rerun::RerunObserver;

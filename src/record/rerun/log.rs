@@ -115,6 +115,8 @@ impl Recorder {
     }
 
     pub(super) fn log_step(&mut self, report: &StepReport<'_>) -> RecordingStreamResult<()> {
+        // A step that is recorded can be repeated: what led to it is there before it.
+        self.entries.send(&self.stream, self.root)?;
         self.set_time(report.step, report.stamp);
         let pose = report.world_from_robot;
         let world_from_odom = *self.world_from_odom.get_or_insert(pose * report.odom_from_robot.inverse());

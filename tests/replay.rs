@@ -1,0 +1,205 @@
+//! Recorded runs are read back, run again, verified and compared; a run that is killed leaves what it did.
+#![cfg(feature = "record")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use ipslam::config::Config;
+use ipslam::io::{LogEntry, LogSource};
+use ipslam::record::rerun::read::{ReadError, RecordedRun};
+use ipslam::record::rerun::{Level, RerunObserver};
+use ipslam::record::{Observer, RunInfo, StepReport, Task};
+use ipslam::simulate::Simulation;
+use ipslam::slam::Slam;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+fn config() -> Config {
+    Config { particles: 4, maps: 4, seed: 5, ..Config::default() }
+}
+
+fn info() -> RunInfo {
+    RunInfo { task: Task::Mapping, log: "building".to_owned(), device: "CPU".to_owned(), config: config() }
+}
+
+fn entries(count: usize) -> Vec<LogEntry> {
+    Simulation::building(1).open().unwrap().take(count).map(Result::unwrap).collect()
+}
+
+/// Records a drive; `change` may lie about a step.
+fn record(path: &Path, level: Level, change: impl Fn(&mut StepReport<'_>)) -> Vec<LogEntry> {
+    let mut observer = RerunObserver::to_file(path, &info(), level).unwrap();
+    let mut slam = Slam::new(config());
+    let entries = entries(400);
+    for entry in &entries {
+        observer.on_entry(entry);
+        slam.add(entry, &mut |report| {
+            let mut report = report.clone();
+            change(&mut report);
+            observer.on_step(&report);
+        });
+    }
+    observer.on_finish(&slam.finish(), false);
+    assert_eq!(observer.failure(), None);
+    entries
+}
+
+fn ipslam(folder: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_ipslam")).current_dir(folder).args(args).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn a_recording_holds_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    for level in [Level::Light, Level::Full] {
+        let path = folder.path().join("run.rrd");
+        let entries = record(&path, level, |_| ());
+        let run = RecordedRun::open(&path).unwrap();
+        assert_eq!(run.info, info());
+        assert_eq!(run.version, env!("CARGO_PKG_VERSION"));
+        assert_eq!(run.entries(), entries, "{level:?}");
+        let again: Vec<LogEntry> = LogSource::open(&run).unwrap().map(Result::unwrap).collect();
+        assert_eq!(again, entries);
+
+        let mut slam = Slam::new(config());
+        let mut steps = Vec::new();
+        for entry in &entries {
+            slam.add(entry, &mut |report| steps.push((report.step, report.world_from_robot, report.checksum())));
+        }
+        assert!(steps.len() > 5, "{}", steps.len());
+        let found: Vec<_> = run.steps.iter().map(|step| (step.step, step.world_from_robot, step.checksum)).collect();
+        assert_eq!(found, steps);
+        assert_eq!(run.result.unwrap().checksum, slam.finish().checksum());
+        let readings = entries.iter().filter(|entry| !matches!(entry, LogEntry::Truth { .. }));
+        assert_eq!(run.trajectory().len(), readings.count());
+    }
+}
+
+#[test]
+fn a_checksum_sees_every_bit() {
+    let mut slam = Slam::new(config());
+    let mut seen = 0;
+    for entry in entries(60) {
+        slam.add(&entry, &mut |report| {
+            let is = report.checksum();
+            let mut particles = report.particles.to_vec();
+            particles[3].weight = f64::from_bits(particles[3].weight.to_bits() ^ 1);
+            assert_ne!(StepReport { particles: &particles, ..report.clone() }.checksum(), is);
+            let mut map = report.map.to_vec();
+            if let Some(cluster) = map.last_mut() {
+                cluster.mean.y = f64::from_bits(cluster.mean.y.to_bits() ^ 1);
+                assert_ne!(StepReport { map: &map, ..report.clone() }.checksum(), is);
+                seen += 1;
+            }
+            let parents: Vec<u32> = report.parents.iter().rev().copied().collect();
+            assert_ne!(StepReport { parents: &parents, ..report.clone() }.checksum(), is);
+        });
+    }
+    assert!(seen > 0);
+}
+
+#[test]
+fn a_replay_is_the_run_to_the_last_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let few = ["--maps", "4", "--particles", "8", "--max-scans", "200", "--backend", "cpu"];
+    let done = ipslam(folder.path(), &[&["run", "--record", "run.rrd"], &few[..]].concat());
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let done = ipslam(folder.path(), &["replay", "run.rrd", "--verify", "--threads", "1"]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    assert!(text(&done.stdout).contains("identical bit for bit"), "{}", text(&done.stdout));
+
+    // With another seed it is another run: compared, not verified.
+    let done = ipslam(folder.path(), &["replay", "run.rrd", "--seed", "9", "--backend", "cpu", "--json"]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let compared: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!((&compared["recorded"]["seed"], &compared["replayed"]["seed"]), (&1.into(), &9.into()));
+    assert!(compared["first_step_that_differs"].is_u64(), "{compared}");
+    assert!(compared["trajectories_apart_m"]["max"].as_f64().unwrap() > 0.0, "{compared}");
+    let both = folder.path().join("ipslam-out/run-replayed/replay.rrd");
+    assert!(both.is_file());
+    // What lies side by side is no run of its own.
+    assert!(matches!(RecordedRun::open(&both), Err(ReadError::NotARecording { .. })));
+
+    let done = ipslam(folder.path(), &["replay", "run.rrd", "--verify", "--seed", "9"]);
+    assert_eq!(done.status.code(), Some(2));
+}
+
+#[test]
+fn a_replay_finds_the_step_that_differs() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.rrd");
+    record(&path, Level::Light, |report| {
+        if report.step == 4 {
+            report.world_from_robot.x += 1e-12;
+        }
+    });
+    let done = ipslam(folder.path(), &["replay", "run.rrd", "--verify"]);
+    assert_eq!(done.status.code(), Some(1));
+    assert!(text(&done.stderr).contains("step 4: the best particle was at"), "{}", text(&done.stderr));
+}
+
+#[test]
+fn what_is_no_recording_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("log.rrd"), "ODOM 0 0 0").unwrap();
+    for (name, expected) in
+        [("log.rrd", "a recording is needed"), ("missing.rrd", "cannot be opened"), (".", "cannot be opened")]
+    {
+        let done = ipslam(folder.path(), &["replay", name]);
+        let error = text(&done.stderr);
+        assert!(done.status.code() == Some(1) && error.contains(expected) && error.contains(name), "{error}");
+    }
+}
+
+/// Records steps until it is killed, if it was started for that.
+#[test]
+fn child_that_records() {
+    let Ok(path) = std::env::var("IPSLAM_TEST_RECORD_TO") else { return };
+    let mut observer = RerunObserver::to_file(Path::new(&path), &info(), Level::Light).unwrap();
+    let mut slam = Slam::new(config());
+    for entry in entries(5000) {
+        observer.on_entry(&entry);
+        slam.add(&entry, &mut |report| observer.on_step(report));
+        println!("\nentry");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_killed_run_leaves_all_but_its_last_second() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.rrd");
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .args(["child_that_records", "--exact", "--nocapture"])
+        .env("IPSLAM_TEST_RECORD_TO", &path)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut times = Vec::new();
+    for line in BufReader::new(child.stdout.take().unwrap()).lines() {
+        if line.unwrap() == "entry" {
+            times.push(Instant::now());
+        }
+        if times.len() == 600 {
+            break;
+        }
+    }
+    // SIGKILL on Unix: the child has no chance to end its file.
+    child.kill().unwrap();
+    let killed = Instant::now();
+    child.wait().unwrap();
+    assert_eq!(times.len(), 600);
+    let run = RecordedRun::open(&path).unwrap();
+    let due = times.iter().filter(|time| killed - **time > Duration::from_secs(1)).count();
+    println!("{} entries were recorded, {due} were due", run.entries().len());
+    assert!(due > 100 && run.entries().len() >= due, "{} entries, {due} were due", run.entries().len());
+    assert_eq!(run.entries(), &entries(5000)[..run.entries().len()]);
+    assert!(run.result.is_none() && run.steps.len() > 3);
+    let done = ipslam(folder.path(), &["replay", "run.rrd", "--verify"]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    assert!(text(&done.stdout).contains("breaks off"), "{}", text(&done.stdout));
+}
