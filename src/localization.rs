@@ -63,7 +63,7 @@ pub struct LocalizationConfig {
     pub located_weight: f64,
     /// ... the map explains this share of what it could explain of the scan at best ...
     pub located_explained: f64,
-    /// ... and both has been so for this many steps: rooms look alike, but not the way from one to the next.
+    /// ... and both has been so for about this many steps: rooms look alike, but not the way from one to the next.
     pub located_steps: u32,
 }
 
@@ -144,7 +144,8 @@ pub struct Localization {
     estimate: Option<Estimate>,
     /// How well scans fit: long and short memory. At first as if they had just been good enough.
     memory: [f64; 2],
-    /// Steps since the pose could not be relied on.
+    /// Steps at which the pose could be relied on, less two for each at which it could not; up to twice as many as are
+    /// wanted.
     good_steps: u32,
     steps: u32,
     /// The motion since the last step.
@@ -356,8 +357,10 @@ impl Localization {
         let explained = if range > 0.0 { (gained / range).clamp(0.0, 1.0) } else { 0.0 };
         let LocalizationConfig { located_weight, located_explained, located_steps, .. } = self.config.localization;
         let is_good = mode.weight >= located_weight && explained >= located_explained;
-        self.good_steps = if is_good { self.good_steps.saturating_add(1) } else { 0 };
-        let is_located = self.good_steps >= located_steps;
+        // A bad step costs two good ones, so that a moment of doubt is no new start.
+        let good = if is_good { self.good_steps + 1 } else { self.good_steps.saturating_sub(2) };
+        self.good_steps = good.min(located_steps.saturating_mul(2));
+        let is_located = is_good && self.good_steps >= located_steps;
         let confidence = Confidence { weight: mode.weight, explained, is_located };
         Estimate { world_from_robot: best.pose.in_world(self.table.anchor()), confidence }
     }

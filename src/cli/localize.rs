@@ -104,7 +104,7 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     eprintln!("finding {} in {}, from {from}, on the {}", info.log, args.map.display(), info.device);
     let began = Instant::now();
     let filter = Localization::new(map.clone(), prior, config, evaluator);
-    let mut followed = follow(&*source, filter, args.skip, &mut observers)?;
+    let mut followed = follow(&*source, filter, &map, args.skip, &mut observers)?;
     let seconds = began.elapsed().as_secs_f64();
     for failure in observers.iter().filter_map(|observer| observer.failure()) {
         outputs.note(Err(anyhow!("the recording is not whole: {failure}")));
@@ -192,6 +192,7 @@ struct Fix {
 fn follow(
     source: &dyn LogSource,
     mut filter: Localization,
+    map: &KnownMap,
     skip: f64,
     observers: &mut [Box<dyn Observer>],
 ) -> anyhow::Result<Followed> {
@@ -242,7 +243,7 @@ fn follow(
     }
     progress.finish();
     followed.evaluator_failure = filter.evaluator_failure().map(ToString::to_string);
-    let result = RunResult { map: Vec::new(), trajectory: followed.located(), odometry: followed.odometry() };
+    let result = RunResult { map: map.clusters.clone(), trajectory: followed.located(), odometry: followed.odometry() };
     observers.iter_mut().for_each(|observer| observer.on_finish(&result, false));
     Ok(followed)
 }

@@ -33,7 +33,7 @@
 //! around, and the view shows the world from outside of it, so that numbers stay true and the map is not mirrored.
 
 use crate::record::Task;
-use ::rerun::blueprint::components::PanelState;
+use ::rerun::blueprint::components::{PanelState, PlayState};
 use ::rerun::blueprint::{
     Blueprint, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView, Tabs, TextDocumentView,
     TimePanel, TimeSeriesView, Vertical,
@@ -191,7 +191,8 @@ pub(super) fn blueprint(task: Task) -> Blueprint {
     };
     let plots = Vertical::new([first, second, plot("Seconds a step", [SECONDS.to_owned()])])
         // The last plot has the longest legend.
-        .with_row_shares([1.0, 1.0, 1.4]);
+        .with_row_shares([1.0, 1.0, 1.4])
+        .with_name("Plots");
     let about = TextDocumentView::new("Configuration").with_origin(ABOUT);
     let beside = Tabs::new([plots.into(), about.into()]);
     whole(Horizontal::new([map_view(legend, "").into(), beside.into()]).with_column_shares([2.0, 1.0]).into())
@@ -223,10 +224,13 @@ fn plot<const N: usize>(name: &str, contents: [String; N]) -> ContainerLike {
 }
 
 fn whole(views: ContainerLike) -> Blueprint {
+    // The end of the run tells most; from there one winds back.
+    let time = TimePanel::new().with_timeline(STEP_TIMELINE).with_play_state(PlayState::Following);
+    let time = time.with_state(PanelState::Collapsed);
     Blueprint::new(views)
         .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
         .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
-        .with_time_panel(TimePanel::new().with_state(PanelState::Collapsed).with_timeline(STEP_TIMELINE))
+        .with_time_panel(time)
 }
 
 /// Colour of a particle of a share of the largest weight, by the logarithm of that share: yellow for one, dark violet

@@ -104,9 +104,9 @@ impl RerunObserver {
     pub fn beside(recorded: &RecordedRun, path: &Path, info: &RunInfo, level: Level) -> Result<Self, RecordError> {
         let (stream, failed) = file(path, &format!("{}, replayed", info.log))?;
         layout::comparison_blueprint().send(&stream, BlueprintActivation::default())?;
-        recorded.send(&stream, layout::RECORDED);
         // How two runs share a plot is not how one has it alone.
         layout::log_styles(&stream, layout::RECORDED)?;
+        recorded.send(&stream, layout::RECORDED);
         Self::start(stream, layout::REPLAYED, level, info, FULL_DISK, failed)
     }
 
