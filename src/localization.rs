@@ -18,11 +18,11 @@ use crate::evaluator::grouping::sort_by_place;
 use crate::evaluator::layout::{LikelihoodConfig, LocalPose, Tile, tiles};
 use crate::evaluator::symmetric::{Cholesky, packed};
 use crate::evaluator::table::ClusterTable;
-use crate::evaluator::{Advance, Evaluator, EvaluatorError, Propagation, Scene, Start, Weighed};
+use crate::evaluator::{self, Advance, Evaluator, EvaluatorError, Propagation, Scene, Start, Weighed};
 use crate::filter::{effective_sample_size, normalised};
 use crate::geometry::Pose;
 use crate::grid::FreeArea;
-use crate::io::{LaserReading, LogEntry};
+use crate::io::LogEntry;
 use crate::map::{MapCluster, Pool, Slot};
 use crate::motion::Motion;
 use crate::ppca::Cluster;
@@ -148,6 +148,8 @@ pub struct Localization {
     /// wanted.
     good_steps: u32,
     steps: u32,
+    /// Laser readings so far.
+    readings: u32,
     /// The motion since the last step.
     motion: Motion,
     last_odometry: Option<Pose>,
@@ -177,6 +179,7 @@ impl Localization {
             memory: [config.localization.located_explained; 2],
             good_steps: 0,
             steps: 0,
+            readings: 0,
             motion: Motion::none(),
             last_odometry: None,
         };
@@ -205,10 +208,14 @@ impl Localization {
             LogEntry::Odometry { odom_from_robot, .. } => self.follow(*odom_from_robot),
             LogEntry::Laser(reading) => {
                 self.follow(reading.odom_from_robot);
+                self.readings += 1;
+                let scan = Scan::from_reading(reading, self.config.scan.min_range, self.config.scan.max_range);
+                let tiles = tiles(&scan.points, self.config.likelihood.max_points);
+                self.track(&tiles);
                 let FilterConfig { step_distance, step_turn, .. } = self.config.filter;
                 let moved = self.motion.mean;
                 if self.steps == 0 || moved.x.hypot(moved.y) >= step_distance || moved.heading.abs() >= step_turn {
-                    self.step(reading, on_step);
+                    self.step(&scan, &tiles, reading.odom_from_robot, on_step);
                 }
             }
             LogEntry::Truth { .. } => {}
@@ -222,12 +229,10 @@ impl Localization {
     }
 
     /// Moves, weighs and draws anew.
-    fn step(&mut self, reading: &LaserReading, on_step: &mut dyn FnMut(&StepReport<'_>)) {
+    fn step(&mut self, scan: &Scan, tiles: &[Tile], odom_from_robot: Pose, on_step: &mut dyn FnMut(&StepReport<'_>)) {
         let mut times = StageTimes::default();
-        let scan = Scan::from_reading(reading, self.config.scan.min_range, self.config.scan.max_range);
-        let tiles = tiles(&scan.points, self.config.likelihood.max_points);
         let began = Instant::now();
-        let weighed = self.advance(&tiles);
+        let weighed = self.advance(tiles);
         times.weigh = began.elapsed().as_secs_f64();
 
         let began = Instant::now();
@@ -237,7 +242,7 @@ impl Localization {
         let mode = self.mode(&weighed, &weights);
         times.resample = began.elapsed().as_secs_f64();
         let began = Instant::now();
-        let estimate = self.locate(&mode, &tiles);
+        let estimate = self.locate(&mode, tiles);
         times.propagate = began.elapsed().as_secs_f64();
 
         let began = Instant::now();
@@ -256,9 +261,9 @@ impl Localization {
         let report = StepReport {
             step: self.steps,
             stamp: scan.stamp,
-            scan: &scan,
+            scan,
             scan_clusters: &[],
-            odom_from_robot: reading.odom_from_robot,
+            odom_from_robot,
             world_from_robot: estimate.world_from_robot,
             particles: &particles,
             map: &self.map.clusters,
@@ -324,20 +329,20 @@ impl Localization {
         mode
     }
 
-    /// Climbs to the top of the posterior around a mode, and judges it.
-    fn locate(&mut self, mode: &Mode, tiles: &[Tile]) -> Estimate {
-        let mean = LocalPose::new(mode.mean, Point2::origin());
-        // As if the mode were no narrower than this: its few particles may lie in one place.
-        let covariance = mode.covariance + Matrix3::from_diagonal(&Vector3::new(0.05, 0.05, 0.02).map(|s: f64| s * s));
+    /// The top of the posterior of the scan around a pose of the evaluator's frame; the covariance is of (forward,
+    /// sideways, heading) in its own.
+    fn climb(&mut self, mean: Pose, covariance: &Matrix3<f64>, tiles: &[Tile]) -> evaluator::Mode {
+        let mean = LocalPose::new(mean, Point2::origin());
         let information = covariance.try_inverse().unwrap_or_else(Matrix3::zeros);
         let how = Propagation {
             seed: self.config.seed,
-            step: self.steps,
+            step: self.readings,
             draw: Draw::Tracking,
             starts: &[Start { mean, prior: mean }],
             particles_a_map: self.config.proposal.tracking_starts.max(1) as usize,
+            // Where it is expected.
             exact_first: true,
-            noise: Cholesky::new(packed(&covariance)).unwrap_or(Cholesky([0.0; 6])),
+            noise: Cholesky::new(packed(covariance)).unwrap_or(Cholesky([0.0; 6])),
             prior_information: packed(&information),
             iterations: self.config.proposal.iterations.max(1),
             spread: 0.0,
@@ -346,7 +351,24 @@ impl Localization {
         let maps = [self.table.near(&self.slots[0], mean.x, mean.y, reach)];
         let scene = Scene { table: &self.table, tiles, maps: &maps };
         let modes = self.evaluator.propagate(&scene, &how).into_iter().map(|proposal| proposal.mode);
-        let best = modes.reduce(|a, b| if b.log_posterior > a.log_posterior { b } else { a }).unwrap_or_default();
+        modes.reduce(|a, b| if b.log_posterior > a.log_posterior { b } else { a }).unwrap_or_default()
+    }
+
+    /// Between steps, a robot that is located is followed by its scans: odometry may be far off by the next step.
+    fn track(&mut self, tiles: &[Tile]) {
+        let Some(estimate) = self.estimate.filter(|estimate| estimate.confidence.is_located) else { return };
+        let anchor = self.table.anchor();
+        let expected = LocalPose::new(estimate.world_from_robot * self.motion.mean, anchor).in_world(Point2::origin());
+        let covariance = self.motion.covariance;
+        let found = self.climb(expected, &covariance, tiles).pose.in_world(anchor);
+        self.motion.mean = found.seen_from(estimate.world_from_robot);
+    }
+
+    /// Climbs to the top of the posterior around a mode, and judges it.
+    fn locate(&mut self, mode: &Mode, tiles: &[Tile]) -> Estimate {
+        // As if the mode were no narrower than this: its few particles may lie in one place.
+        let covariance = mode.covariance + Matrix3::from_diagonal(&Vector3::new(0.05, 0.05, 0.02).map(|s: f64| s * s));
+        let best = self.climb(mode.mean, &covariance, tiles);
 
         let likelihood = &self.config.likelihood;
         let points: u32 = tiles.iter().map(|tile| tile.count).sum();

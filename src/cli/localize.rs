@@ -87,12 +87,12 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let fewest = &mut config.localization.min_particles;
     *fewest = args.max_particles.map_or(*fewest, |most| most.min(*fewest));
     config.validate()?;
+    args.threads.start()?;
     let map = known_map(&args.map, &config)?;
     let reference = args.reference.as_deref().map(tum::read).transpose()?;
     let source = args.log.source()?.context("no log is named: `ipslam localize MAP LOG`")?;
     source.open()?;
     let mut outputs = Outputs::for_log(args.out.as_deref(), &format!("{}-localized", source.name()))?;
-    args.threads.start()?;
     interrupt::watch()?;
     let Chosen { evaluator, name: device } = args.backend.choose()?;
     let info = RunInfo { task: Task::Localization, log: source.name(), device, config };
