@@ -425,7 +425,7 @@ impl Localization {
         while drawn.len() < enough.min(max_particles) {
             let one = draw(drawn.len() as u32);
             if bins.insert(bin(one.0)) {
-                enough = self.enough_for(bins.len()).max(min_particles);
+                enough = enough_for(bins.len(), &self.config.localization).max(min_particles);
             }
             drawn.push(one);
         }
@@ -440,18 +440,6 @@ impl Localization {
         let sigma = (0.5 * (LEVER * volume).cbrt()).clamp(least_sigma, most_sigma);
         self.table = table(&self.map, sigma, &self.config.likelihood);
         self.particles = particles.into_iter().map(|(pose, _)| pose).collect();
-    }
-
-    /// So many particles keep the error of the distribution over `bins` bins below what is allowed (Fox 2003, eq. 7).
-    fn enough_for(&self, bins: usize) -> usize {
-        let LocalizationConfig { kld_error, kld_quantile, .. } = self.config.localization;
-        let others = bins.saturating_sub(1) as f64;
-        if others < 1.0 {
-            return 0;
-        }
-        let a = 2.0 / (9.0 * others);
-        let root = 1.0 - a + a.sqrt() * kld_quantile;
-        (others / (2.0 * kld_error) * root * root * root).ceil() as usize
     }
 
     /// Particles of the prior, as many as its bins take.
@@ -507,4 +495,40 @@ fn middle(clusters: &[Cluster]) -> Pose {
 /// A number in [0, 1] of 64 random bits.
 fn fraction(high: u32, low: u32) -> f64 {
     (f64::from(high) + f64::from(low) / 4_294_967_296.0) / 4_294_967_296.0
+}
+
+/// So many particles keep the error of the distribution over `bins` bins below what is allowed (Fox 2003, eq. 7).
+fn enough_for(bins: usize, config: &LocalizationConfig) -> usize {
+    let LocalizationConfig { kld_error, kld_quantile, .. } = *config;
+    let others = bins.saturating_sub(1) as f64;
+    if others < 1.0 {
+        return 0;
+    }
+    let a = 2.0 / (9.0 * others);
+    let root = 1.0 - a + a.sqrt() * kld_quantile;
+    (others / (2.0 * kld_error) * root * root * root).ceil() as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Eq. 5 there: χ² of k - 1 degrees of freedom over 2 ε, by the table of its 99 % quantiles; eq. 7 approximates it.
+    #[test]
+    fn enough_particles_are_those_of_the_table() {
+        let config = LocalizationConfig { kld_error: 0.05, kld_quantile: 2.326, ..LocalizationConfig::default() };
+        for (bins, quantile) in [(2, 6.635), (6, 15.086), (11, 23.209), (101, 135.807)] {
+            let (found, expected) = (enough_for(bins, &config) as f64, quantile / 0.1);
+            assert!((found - expected).abs() < 0.02 * expected + 1.0, "{bins} bins: {found} is not {expected}");
+        }
+        assert_eq!(enough_for(1, &config), 0);
+    }
+
+    #[test]
+    fn bins_are_half_a_metre_and_ten_degrees() {
+        let pose = |x: f32, y: f32, degrees: f32| LocalPose { x, y, heading: degrees.to_radians() };
+        assert_eq!(bin(pose(0.49, -0.01, 9.9)), [0, -1, 0]);
+        assert_eq!(bin(pose(0.51, 0.49, 10.1)), [1, 0, 1]);
+        assert_eq!(bin(pose(-7.3, 12.2, -179.0)), [-15, 24, -18]);
+    }
 }

@@ -11,6 +11,7 @@ mod drive;
 mod evaluator;
 mod failover;
 mod grid;
+mod localization;
 mod matching;
 mod merging;
 #[path = "../common/oracle.rs"]

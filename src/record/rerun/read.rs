@@ -48,7 +48,7 @@ pub enum ReadError {
         /// Of the program that made it.
         version: String,
         /// What is wrong.
-        source: ConfigError,
+        source: Box<ConfigError>,
     },
 }
 
@@ -132,7 +132,11 @@ impl RecordedRun {
         let about = columns.text(layout::ABOUT).ok_or_else(|| not("it does not tell how the run was made"))?;
         let About { task, version, log, device, configuration: config } =
             toml::from_str(&about).map_err(|error| not(&format!("its configuration is not understood: {error}")))?;
-        let unusable = |source| ReadError::Configuration { path: path.to_owned(), version: version.clone(), source };
+        let unusable = |source| ReadError::Configuration {
+            path: path.to_owned(),
+            version: version.clone(),
+            source: Box::new(source),
+        };
         config.validate().map_err(unusable)?;
         let entries = columns.entries().ok_or_else(|| not("its log is damaged"))?;
         let (steps, result) = (columns.steps(), columns.result());

@@ -1,0 +1,161 @@
+//! The robot in the simulated building, found in a map that was made with another drive's scans at their true poses.
+
+use ipslam::clustering::ClusteringConfig;
+use ipslam::config::Config;
+use ipslam::geometry::{Pose, StampedPose};
+use ipslam::grid::{FreeArea, GridBuilder, clusters};
+use ipslam::io::{LogEntry, LogSource};
+use ipslam::localization::{KnownMap, Localization, LocalizationConfig, Prior};
+use ipslam::scan::Scan;
+use ipslam::simulate::Simulation;
+use std::sync::LazyLock;
+
+/// A pose is right this close to the truth [m, rad]: the map is one of cells of 5 cm.
+const RIGHT: [f64; 2] = [0.2, 0.05];
+const PARTICLES: usize = 30_000;
+
+/// Every reading of a drive with the true pose there, all in the frame of the building.
+fn drive(seed: u64) -> Vec<(LogEntry, Pose)> {
+    let simulation = Simulation::building(seed);
+    let mut truth = simulation.truth();
+    let mut last = None;
+    let mut readings = Vec::new();
+    for entry in simulation.open().unwrap() {
+        let entry = entry.unwrap();
+        let stamp = match &entry {
+            LogEntry::Truth { .. } => continue,
+            LogEntry::Odometry { stamp, .. } => *stamp,
+            LogEntry::Laser(reading) => reading.stamp,
+        };
+        while last.is_none_or(|last: StampedPose| last.stamp < stamp - 1e-6) {
+            let Some(next) = truth.next() else { return readings };
+            last = Some(next);
+        }
+        let at = last.filter(|last| (last.stamp - stamp).abs() < 1e-3);
+        readings.extend(at.map(|at| (entry, at.pose)));
+    }
+    readings
+}
+
+static MAP: LazyLock<KnownMap> = LazyLock::new(|| {
+    let config = Config::default();
+    let mut builder = GridBuilder::new(0.05);
+    let drive = drive(2);
+    for (entry, pose) in &drive {
+        if let LogEntry::Laser(reading) = entry {
+            let scan = Scan::from_reading(reading, config.scan.min_range, config.scan.max_range);
+            builder.add_scan(&scan, reading.robot_from_laser, *pose);
+        }
+    }
+    let grid = builder.finish().unwrap();
+    let free = FreeArea::from_grid(&grid, drive.iter().map(|(_, pose)| pose.position())).unwrap();
+    KnownMap { clusters: clusters(&grid, &ClusteringConfig::default()), free }
+});
+
+fn filter(prior: Option<Prior>, max_particles: usize) -> Localization {
+    let localization = LocalizationConfig { max_particles, ..LocalizationConfig::default() };
+    Localization::new(MAP.clone(), prior, Config { localization, ..Config::default() }, None)
+}
+
+/// What the readings in turn led to: for each step whether the robot was located, whether rightly, and the particles.
+fn follow<'a>(
+    filter: &mut Localization,
+    readings: impl IntoIterator<Item = &'a (LogEntry, Pose)>,
+) -> Vec<(bool, bool, usize)> {
+    let mut steps = Vec::new();
+    for (entry, truth) in readings {
+        filter.add(entry, &mut |report| {
+            let off = report.world_from_robot.seen_from(*truth);
+            let is_right = off.x.hypot(off.y) < RIGHT[0] && off.heading.abs() < RIGHT[1];
+            steps.push((report.confidence.unwrap().is_located, is_right, report.particles.len()));
+        });
+    }
+    steps
+}
+
+fn assert_found(steps: &[(bool, bool, usize)], within: usize) {
+    let first = steps.iter().position(|step| step.0);
+    let located = steps.iter().filter(|step| step.0).count();
+    let wrong = steps.iter().filter(|step| step.0 && !step.1).count();
+    println!("located first at step {first:?}, in {located} of {} steps, wrongly in {wrong}", steps.len());
+    assert!(first.is_some_and(|first| first < within), "found at step {first:?}");
+    assert!(wrong == 0 && located > steps.len() / 4, "{located} of {} steps located, {wrong} wrongly", steps.len());
+}
+
+#[test]
+fn the_robot_is_found_from_anywhere() {
+    let drive = drive(1);
+    let mut filter = filter(None, PARTICLES);
+    let steps = follow(&mut filter, &drive[drive.len() / 3..drive.len() / 2]);
+    assert_found(&steps, 80);
+    assert_eq!(steps[0].2, PARTICLES);
+    assert!(steps[steps.len() - 1].2 < PARTICLES / 10, "{} particles are left", steps[steps.len() - 1].2);
+    assert!(filter.estimate().unwrap().confidence.is_located);
+}
+
+#[test]
+fn a_prior_needs_few_particles() {
+    let drive = drive(1);
+    let readings = &drive[drive.len() / 3..][..300];
+    let truth = readings[0].1;
+    let prior = Prior { world_from_robot: truth * Pose::new(0.2, -0.2, 0.1), position: 0.3, heading: 0.2 };
+    let steps = follow(&mut filter(Some(prior), PARTICLES), readings);
+    assert!(steps[0].2 < 3000, "{} particles", steps[0].2);
+    assert_found(&steps, 20);
+    // One that is wrong does not keep the robot from being found.
+    let wrong = Prior { world_from_robot: truth * Pose::new(8.0, 0.0, 3.0), ..prior };
+    let steps = follow(&mut filter(Some(wrong), PARTICLES), &drive[drive.len() / 3..drive.len() / 2]);
+    let (is_located, is_right, _) = steps[steps.len() - 1];
+    assert!(is_located && is_right, "a wrong prior is never got rid of");
+}
+
+/// Odometry goes on as if nothing had happened.
+#[test]
+fn a_robot_that_is_carried_away_is_found_again() {
+    let drive = drive(1);
+    let at = |share: f64| (share * drive.len() as f64) as usize;
+    let before = &drive[at(0.3)..at(0.4)];
+    let mut after = drive[at(0.7)..at(0.9)].to_vec();
+    let odometry = |entry: &LogEntry| match entry {
+        LogEntry::Odometry { odom_from_robot, .. } => *odom_from_robot,
+        LogEntry::Laser(reading) => reading.odom_from_robot,
+        LogEntry::Truth { .. } => Pose::IDENTITY,
+    };
+    let shift = odometry(&before[before.len() - 1].0) * odometry(&after[0].0).inverse();
+    for (entry, _) in &mut after {
+        match entry {
+            LogEntry::Odometry { odom_from_robot, .. } => *odom_from_robot = shift * *odom_from_robot,
+            LogEntry::Laser(reading) => reading.odom_from_robot = shift * reading.odom_from_robot,
+            LogEntry::Truth { .. } => {}
+        }
+    }
+    let apart = (before[before.len() - 1].1.position() - after[0].1.position()).norm();
+    assert!(apart > 3.0, "carried {apart} m");
+    let mut filter = filter(None, PARTICLES);
+    let steps = follow(&mut filter, before);
+    assert!(steps.last().unwrap().0 && steps.last().unwrap().1, "not found before");
+    let steps = follow(&mut filter, &after);
+    // A moment passes until scans are seen to fit no longer; what matters is where it ends.
+    let again = steps.iter().rposition(|step| !step.0).map_or(0, |lost| lost + 1);
+    println!("found again at step {again} of {}", steps.len());
+    assert!(again < steps.len() - 5 && steps[again..].iter().all(|step| step.0 && step.1), "not found again");
+}
+
+#[test]
+fn threads_change_nothing() {
+    let drive = drive(1);
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut checksums = Vec::new();
+            let mut filter = filter(None, 2000);
+            for (entry, _) in &drive[..120] {
+                filter.add(entry, &mut |report| checksums.push(report.checksum()));
+            }
+            checksums
+        })
+    };
+    let one = run(1);
+    assert!(one.len() > 5 && one == run(2));
+    assert!(one.windows(2).all(|pair| pair[0] != pair[1]), "checksums tell steps apart");
+}
