@@ -711,7 +711,8 @@ fn what_cannot_be_converted_is_told_with_what_can() {
 #[test]
 fn shells_and_manuals_know_every_command() {
     let place = Place::new();
-    let commands = ["run", "eval", "simulate", "devices", "bench", "convert", "completions", "man"];
+    let commands =
+        ["run", "localize", "replay", "view", "eval", "simulate", "devices", "bench", "convert", "completions", "man"];
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let done = place.ipslam(&["completions", shell]);
         for word in commands.iter().chain(&["max-scans", "ipslam"]) {
@@ -730,4 +731,69 @@ fn shells_and_manuals_know_every_command() {
     place.write("script", script);
     let done = Done::new(Command::new("bash").args(["-n"]).arg(place.path("script")).output().unwrap());
     done.ended(0);
+}
+
+/// In the map of a drive, by the log of the same drive: as `map.json` and as a grid, from anywhere and from a prior.
+#[test]
+fn the_robot_is_found_in_a_map_of_either_kind() {
+    let place = Place::new();
+    let (_, text) = drive(60.0);
+    place.write("drive.clf", &text);
+    place.run(&["drive.clf", "--backend", "cpu", "--out", "mapped"]).ended(0);
+    for (map, more) in [
+        ("mapped/map.json", &["--skip", "10"][..]),
+        ("mapped/map.yaml", &["--skip", "10"]),
+        ("mapped/map.json", &["--start", "0,0,0", "--start-spread", "0.3,0.1"]),
+    ] {
+        let words = [
+            "localize",
+            map,
+            "drive.clf",
+            "--reference",
+            "mapped/trajectory.tum",
+            "--backend",
+            "cpu",
+            "--out",
+            "found",
+        ];
+        let done = place.ipslam(&[&words[..], &["--max-particles", "20000", "--json"], more].concat());
+        let found: Value = serde_json::from_str(&done.ended(0).out).unwrap();
+        let against = &found["against_reference"];
+        let (compared, right) = (against["compared"].as_u64().unwrap(), against["right"].as_u64().unwrap());
+        assert!(compared > 100 && right * 20 >= compared * 19, "{map}: {found:#}");
+        assert!(found["first_fix"]["metres"].as_f64().unwrap() < 15.0, "{found:#}");
+        assert!(found["particles"]["last"].as_u64().unwrap() < 20000, "{found:#}");
+        assert_eq!(place.summary("found")["particles"], found["particles"]);
+        assert!(!tum::read(&place.path("found/trajectory.tum")).unwrap().is_empty());
+        assert!(std::fs::read(place.path("found/map.png")).unwrap().starts_with(b"\x89PNG"));
+    }
+}
+
+#[test]
+fn a_map_that_cannot_be_used_is_an_error() {
+    let place = Place::new();
+    let (_, text) = drive(2.0);
+    place.write("drive.clf", &text);
+    place.run(&["drive.clf", "--backend", "cpu", "--out", "mapped"]).ended(0);
+    let map: Value = serde_json::from_slice(&std::fs::read(place.path("mapped/map.json")).unwrap()).unwrap();
+    let without = |member: &str, value: Value| {
+        let mut map = map.clone();
+        map[member] = value;
+        map.to_string()
+    };
+    place.write("no_area.json", without("free", Value::Null));
+    place.write("no_walls.json", without("clusters", Value::Array(Vec::new())));
+    for (words, expected) in [
+        (&["map.txt", "drive.clf"][..], &["map.txt: a map is a .json file"][..]),
+        (&["none.json", "drive.clf"], &["none.json: cannot be opened"]),
+        (&["no_area.json", "drive.clf"], &["does not tell where a robot can be", "run the log again"]),
+        (&["no_walls.json", "drive.clf"], &["no_walls.json: it has no wall"]),
+        (&["mapped/map.json", "none.clf"], &["none.clf: cannot be opened"]),
+        (&["mapped/map.json"], &["no log is named"]),
+    ] {
+        place.ipslam(&[&["localize"], words].concat()).failed(1, expected);
+    }
+    for words in [["--start", "1,2"], ["--start", "1,2,x"], ["--max-particles", "-1"], ["--max-particles", "0"]] {
+        place.ipslam(&[&["localize", "mapped/map.json", "drive.clf"], &words[..]].concat()).ended(2);
+    }
 }

@@ -243,7 +243,7 @@ fn follow(
     }
     progress.finish();
     followed.evaluator_failure = filter.evaluator_failure().map(ToString::to_string);
-    let result = RunResult { map: map.clusters.clone(), trajectory: followed.located(), odometry: followed.odometry() };
+    let result = RunResult { map: map.clusters.clone(), trajectory: followed.located(), odometry: Vec::new() };
     observers.iter_mut().for_each(|observer| observer.on_finish(&result, false));
     Ok(followed)
 }

@@ -135,8 +135,13 @@ impl Recorder {
             let number = (report.particles.len().max(1) as f64).log10();
             stream.log(self.path(layout::PARTICLE_COUNT), &Scalars::new([number]))?;
         }
-        self.trajectory.push(stream, pose)?;
-        self.odometry.push(stream, world_from_odom * report.odom_from_robot)?;
+        if report.confidence.is_none_or(|confidence| confidence.is_located) {
+            self.trajectory.push(stream, pose)?;
+        }
+        // Where the robot is only looked for, odometry starts nowhere.
+        if report.confidence.is_none() {
+            self.odometry.push(stream, world_from_odom * report.odom_from_robot)?;
+        }
         if self.map != report.map {
             self.map = report.map.to_vec();
             stream.log(self.path(layout::MAP_CLUSTERS), &ends(&self.map))?;
