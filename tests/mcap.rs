@@ -661,6 +661,7 @@ fn a_log_is_known_by_its_content() {
     write("one.bag", b"#ROSBAG V2.0\n");
     write("bag.db3", b"SQLite format 3\0");
     write("bag.mcap.zstd", b"\x28\xb5\x2f\xfd\0\0\0\0");
+    write("run.rrd", b"RRF2");
     write("empty_file", b"");
     write("sqlite/bag_0.db3", b"SQLite format 3\0");
     write("packed/bag_0.mcap.zstd", b"");
@@ -673,6 +674,7 @@ fn a_log_is_known_by_its_content() {
         ("one.bag", &TOPICS, "rosbags-convert"),
         ("bag.db3", &TOPICS, "ros2 bag convert"),
         ("bag.mcap.zstd", &TOPICS, "zstd -d"),
+        ("run.rrd", &TOPICS, "ipslam replay"),
         ("sqlite", &TOPICS, "ros2 bag convert"),
         ("packed", &TOPICS, "zstd -d"),
         ("split", &TOPICS, "several files"),

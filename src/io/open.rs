@@ -35,6 +35,9 @@ pub fn open_log(path: impl AsRef<Path>, topics: &Topics) -> Result<Box<dyn LogSo
     if begin.starts_with(b"#ROSBAG") {
         return other("this is a bag of ROS 1", FROM_ROS_1);
     }
+    if begin.starts_with(b"RRF") {
+        return other("this is a recording", "`ipslam replay FILE` runs what it holds again");
+    }
     if begin.starts_with(b"\x28\xb5\x2f\xfd") {
         return other("the whole file is packed by zstd", "unpack it first: `zstd -d FILE`");
     }

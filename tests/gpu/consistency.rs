@@ -188,7 +188,10 @@ pub fn compare_advanced(evaluator: &mut dyn Evaluator) -> Found {
             };
             for (weighed, pair) in [(gpu, "GPU and f64"), (cpu, "CPU and f64")] {
                 let pose = weighed.pose.in_world(world.table.anchor());
-                found.compare(0, apart(pose, slow_pose), POSE, what(pair));
+                // Some worlds put particles far from the anchor: each of the two motions rounds what it adds to.
+                let far = f64::from(weighed.pose.x.abs().max(weighed.pose.y.abs()));
+                let rounding = 2.0 * far * f64::from(f32::EPSILON);
+                found.compare(0, apart(pose, slow_pose), POSE + rounding, what(pair));
                 let slow = slow(&world.clusters, pose, &world.points, &world.config.capturing());
                 let off = (f64::from(weighed.log_likelihood) - slow).abs() / points;
                 found.compare(1, off, WEIGH, what(pair));

@@ -96,7 +96,7 @@ pub struct RecordedResult {
 pub struct RecordedRun {
     name: String,
     store: ChunkStore,
-    entries: Vec<LogEntry>,
+    entries: Arc<[LogEntry]>,
     /// Version of the program that recorded it.
     pub version: String,
     /// What it was started with.
@@ -138,7 +138,7 @@ impl RecordedRun {
             source: Box::new(source),
         };
         config.validate().map_err(unusable)?;
-        let entries = columns.entries().ok_or_else(|| not("its log is damaged"))?;
+        let entries = columns.entries().ok_or_else(|| not("its log is damaged"))?.into();
         let (steps, result) = (columns.steps(), columns.result());
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self { name, store, entries, version, info: RunInfo { task, log, device, config }, steps, result })
@@ -182,13 +182,14 @@ impl LogSource for RecordedRun {
     }
 
     fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
-        Ok(Box::new(RecordedReader { entries: self.entries.clone().into_iter(), stats: LogStats::default() }))
+        Ok(Box::new(RecordedReader { entries: Arc::clone(&self.entries), stats: LogStats::default() }))
     }
 }
 
 /// The entries of a recorded log.
 struct RecordedReader {
-    entries: std::vec::IntoIter<LogEntry>,
+    entries: Arc<[LogEntry]>,
+    /// Its lines are the entries that were handed out.
     stats: LogStats,
 }
 
@@ -196,7 +197,7 @@ impl Iterator for RecordedReader {
     type Item = Result<LogEntry, LogError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let entry = self.entries.next()?;
+        let entry = self.entries.get(self.stats.lines as usize)?.clone();
         self.stats.lines += 1;
         match entry {
             LogEntry::Laser(_) => self.stats.laser += 1,
@@ -213,7 +214,7 @@ impl LogReader for RecordedReader {
     }
 
     fn progress(&self) -> Option<(u64, u64)> {
-        Some((self.stats.lines, self.stats.lines + self.entries.len() as u64))
+        Some((self.stats.lines, self.entries.len() as u64))
     }
 }
 
