@@ -144,7 +144,7 @@ pub struct Localization {
     estimate: Option<Estimate>,
     /// How well scans fit: long and short memory. At first as if they had just been good enough.
     memory: [f64; 2],
-    /// Steps at which the pose could be relied on, less two for each at which it could not; up to twice as many as are
+    /// Steps at which the pose could be relied on, less four for each at which it could not; up to twice as many as are
     /// wanted.
     good_steps: u32,
     steps: u32,
@@ -379,8 +379,8 @@ impl Localization {
         let explained = if range > 0.0 { (gained / range).clamp(0.0, 1.0) } else { 0.0 };
         let LocalizationConfig { located_weight, located_explained, located_steps, .. } = self.config.localization;
         let is_good = mode.weight >= located_weight && explained >= located_explained;
-        // A bad step costs two good ones, so that a moment of doubt is no new start.
-        let good = if is_good { self.good_steps + 1 } else { self.good_steps.saturating_sub(2) };
+        // A bad step costs four good ones, so that a moment of doubt is no new start.
+        let good = if is_good { self.good_steps + 1 } else { self.good_steps.saturating_sub(4) };
         self.good_steps = good.min(located_steps.saturating_mul(2));
         let is_located = is_good && self.good_steps >= located_steps;
         let confidence = Confidence { weight: mode.weight, explained, is_located };
