@@ -3,6 +3,7 @@
 use crate::clustering::ClusteringConfig;
 use crate::evaluator::ProposalConfig;
 use crate::evaluator::layout::{Latent, LikelihoodConfig};
+use crate::geometry::Pose;
 use crate::localization::LocalizationConfig;
 use crate::map::matching::{MatchingConfig, MatchingRule};
 use crate::map::merging::{MergingConfig, MergingMethod};
@@ -69,6 +70,13 @@ pub struct FilterConfig {
 impl Default for ScanConfig {
     fn default() -> Self {
         Self { min_range: 0.1, max_range: 30.0 }
+    }
+}
+
+impl FilterConfig {
+    /// Whether a robot that has moved so since the last step is still too near for another one.
+    pub fn is_too_near(&self, moved: Pose) -> bool {
+        moved.x.hypot(moved.y) < self.step_distance && moved.heading.abs() < self.step_turn
     }
 }
 

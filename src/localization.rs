@@ -12,11 +12,11 @@
 //!   the map as it is ([`Evaluator::propagate`]); and it is told only where the mode has nearly all of the weight and the map
 //!   explains the scan there.
 
-use crate::config::{Config, FilterConfig};
+use crate::config::Config;
 use crate::evaluator::failover::Failover;
 use crate::evaluator::grouping::sort_by_place;
 use crate::evaluator::layout::{LikelihoodConfig, LocalPose, Tile, tiles};
-use crate::evaluator::symmetric::{Cholesky, packed};
+use crate::evaluator::symmetric::{noise_of, packed};
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::{self, Advance, Evaluator, EvaluatorError, Propagation, Scene, Start, Weighed};
 use crate::filter::{effective_sample_size, normalised};
@@ -193,7 +193,7 @@ impl Localization {
         self.evaluator.failure()
     }
 
-    /// Where the robot is by the last step and odometry since; `None` before the first scan.
+    /// Where the robot is by the last step and its motion since; `None` before the first scan.
     pub fn estimate(&self) -> Option<Estimate> {
         let moved = |estimate: Estimate| Estimate {
             world_from_robot: estimate.world_from_robot * self.motion.mean,
@@ -212,9 +212,7 @@ impl Localization {
                 let scan = Scan::from_reading(reading, self.config.scan.min_range, self.config.scan.max_range);
                 let tiles = tiles(&scan.points, self.config.likelihood.max_points);
                 self.track(&tiles);
-                let FilterConfig { step_distance, step_turn, .. } = self.config.filter;
-                let moved = self.motion.mean;
-                if self.steps == 0 || moved.x.hypot(moved.y) >= step_distance || moved.heading.abs() >= step_turn {
+                if self.steps == 0 || !self.config.filter.is_too_near(self.motion.mean) {
                     self.step(&scan, &tiles, reading.odom_from_robot, on_step);
                 }
             }
@@ -285,7 +283,7 @@ impl Localization {
             seed: self.config.seed,
             step: self.steps,
             motion: [x, y, heading].map(|number| number as f32),
-            noise: Cholesky::new(packed(&self.motion.covariance)).unwrap_or(Cholesky([0.0; 6])),
+            noise: noise_of(&self.motion.covariance),
         };
         let scene = Scene { table: &self.table, tiles, maps: &self.slots };
         let mut weighed = self.evaluator.advance(&scene, &how, &self.particles);
@@ -293,7 +291,7 @@ impl Localization {
         weighed
     }
 
-    /// Where most of the weight is, as a motion of the world: mean, covariance in the robot's frame, and share.
+    /// Where most of the weight is.
     fn mode(&self, weighed: &[Weighed], weights: &[f64]) -> Mode {
         let least = 1e-6 / weights.len() as f64;
         let heavy = || weighed.iter().zip(weights).filter(|(_, weight)| **weight > least);
@@ -342,7 +340,7 @@ impl Localization {
             particles_a_map: self.config.proposal.tracking_starts.max(1) as usize,
             // Where it is expected.
             exact_first: true,
-            noise: Cholesky::new(packed(covariance)).unwrap_or(Cholesky([0.0; 6])),
+            noise: noise_of(covariance),
             prior_information: packed(&information),
             iterations: self.config.proposal.iterations.max(1),
             spread: 0.0,

@@ -10,10 +10,10 @@
 //! World's frame: the robot's pose at the first scan is the origin.
 
 use crate::clustering::cluster_points;
-use crate::config::{Config, FilterConfig};
+use crate::config::Config;
 use crate::evaluator::failover::Failover;
 use crate::evaluator::layout::{LocalPose, Tile, tiles};
-use crate::evaluator::symmetric::{Cholesky, packed, unpacked};
+use crate::evaluator::symmetric::{noise_of, packed, unpacked};
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::{Evaluator, EvaluatorError, Propagation, Proposal, Scene, Start};
 use crate::filter::{Ancestry, effective_sample_size, normalised, resample};
@@ -146,9 +146,8 @@ impl Slam {
         let began = Instant::now();
         self.track(reading.odom_from_robot, &tiles);
         self.times.track += began.elapsed().as_secs_f64();
-        let FilterConfig { step_distance, step_turn, .. } = self.config.filter;
         let moved = self.tracked.mean;
-        if self.steps > 0 && moved.x.hypot(moved.y) < step_distance && moved.heading.abs() < step_turn {
+        if self.steps > 0 && self.config.filter.is_too_near(moved) {
             self.remember(reading.stamp, reading.odom_from_robot, moved);
         } else {
             self.step(&scan, &tiles, reading.odom_from_robot, on_step);
@@ -286,7 +285,7 @@ impl Slam {
 
     /// What all draws of particles have in common: noise is that of the motion as the scans have corrected it.
     fn propagation(&self) -> Propagation<'static> {
-        let noise = Cholesky::new(packed(&self.tracked.covariance)).unwrap_or(Cholesky([0.0; 6]));
+        let noise = noise_of(&self.tracked.covariance);
         Propagation {
             seed: self.config.seed,
             step: self.steps,

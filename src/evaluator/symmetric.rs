@@ -50,6 +50,11 @@ impl Cholesky {
     }
 }
 
+/// What turns standard normal numbers into noise of this covariance; no noise where it is not positive definite.
+pub fn noise_of(covariance: &Matrix3<f64>) -> Cholesky {
+    Cholesky::new(packed(covariance)).unwrap_or(Cholesky([0.0; 6]))
+}
+
 fn positive_root(square: f32) -> Option<f32> {
     (square > 0.0 && square.is_finite()).then(|| square.sqrt())
 }
