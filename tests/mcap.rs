@@ -149,7 +149,7 @@ fn same(a: &LogEntry, b: &LogEntry) -> bool {
 fn a_bag_tells_what_the_carmen_log_told() {
     let Some((folder, scans)) = carmen_as_bags() else { return };
     let expected = as_entries(&scans);
-    for bag in ["none.mcap", "lz4.mcap", "zstd.mcap", "unchunked.mcap", "transforms.mcap", "folder"] {
+    for bag in ["none.mcap", "lz4.mcap", "zstd.mcap", "unchunked.mcap", "transforms.mcap", "folder", "split"] {
         let outcome = read(&*open_log(folder.path().join(bag), &TOPICS).unwrap());
         assert!(outcome.error.is_none(), "{bag}: {:?}", outcome.error);
         assert_eq!(outcome.entries.len(), expected.len(), "{bag}: {:?}", outcome.stats);
@@ -200,6 +200,31 @@ fn a_bag_gives_the_map_of_the_carmen_log() {
     rounded[0].ranges.iter_mut().for_each(|range| *range += 1e-3);
     let other: Vec<Cluster> = map(&as_entries(&rounded));
     assert!(found != other);
+}
+
+/// The files of a bag are one log only if its metadata says so, and all of them.
+#[test]
+fn a_bag_in_several_files_is_read_as_its_metadata_tells() {
+    let Some((folder, _)) = carmen_as_bags() else { return };
+    let split = folder.path().join("split");
+    let error = || {
+        let opened = open_log(&split, &TOPICS).map(|log| read(&*log).error.expect("read without an error").to_string());
+        opened.unwrap_or_else(|error| error.to_string())
+    };
+    std::fs::rename(split.join("part_10.mcap"), split.join("gone")).unwrap();
+    assert!(error().contains("part_10.mcap"), "{}", error());
+    // Cut off within the second file: what comes before is read.
+    let bytes = std::fs::read(split.join("gone")).unwrap();
+    std::fs::write(split.join("part_10.mcap"), &bytes[..bytes.len() / 2]).unwrap();
+    let outcome = read(&*open_log(&split, &TOPICS).unwrap());
+    assert!(outcome.error.unwrap().to_string().contains("cut off"));
+    let scans = outcome.entries.iter().filter(|entry| matches!(entry, LogEntry::Laser(_))).count();
+    assert!((SCANS / 3..SCANS).contains(&scans), "{scans} scans");
+    let metadata = std::fs::read_to_string(split.join("metadata.yaml")).unwrap();
+    std::fs::write(split.join("metadata.yaml"), metadata.replace("relative_file_paths", "paths")).unwrap();
+    assert!(error().contains("relative_file_paths"), "{}", error());
+    std::fs::remove_file(split.join("metadata.yaml")).unwrap();
+    assert!(error().contains("several files") && error().contains("ros2 bag reindex"), "{}", error());
 }
 
 // ---- Small bags

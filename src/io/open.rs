@@ -3,6 +3,7 @@
 use super::carmen::CarmenLog;
 use super::mcap::{self, McapLog, Topics};
 use super::{LogError, LogSource};
+use serde::Deserialize;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -13,13 +14,17 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// The file cannot be opened or is a bag of a kind that has to be converted ([`LogError::NotThisFormat`] says how);
-/// a folder holds no bag, or one of several files; or as [`McapLog::new`]. Whether a file is a CARMEN log shows when it
+/// a folder holds no bag, or several; or as [`McapLog::new`]. Whether a file is a CARMEN log shows when it
 /// is read.
 pub fn open_log(path: impl AsRef<Path>, topics: &Topics) -> Result<Box<dyn LogSource>, LogError> {
     let path = path.as_ref();
     let open_error = |source| LogError::Open { path: path.to_owned(), source };
     if path.is_dir() {
-        return Ok(Box::new(McapLog::new(file_of_bag(path)?, topics)?));
+        let files = files_of_bag(path)?;
+        return Ok(Box::new(match &files[..] {
+            [only] => McapLog::new(only, topics)?,
+            _ => McapLog::of_files(path.to_owned(), files, topics)?,
+        }));
     }
     let mut begin = Vec::new();
     File::open(path).and_then(|file| file.take(16).read_to_end(&mut begin)).map_err(open_error)?;
@@ -52,8 +57,8 @@ const TO_MCAP: &str = "a bag of ROS 2 is read from MCAP: convert its folder by `
 const FROM_ROS_1: &str =
     "a bag of ROS 2 in MCAP is needed: `rosbags-convert --src FILE --dst FOLDER --dst-storage mcap`";
 
-/// The one MCAP file in the folder of a bag.
-fn file_of_bag(folder: &Path) -> Result<PathBuf, LogError> {
+/// The MCAP files in the folder of a bag, in the order of their time: several where its `metadata.yaml` says so.
+fn files_of_bag(folder: &Path) -> Result<Vec<PathBuf>, LogError> {
     let open_error = |source| LogError::Open { path: folder.to_owned(), source };
     let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<io::Result<Vec<_>>>).map_err(open_error)?;
     let files_with = |ending: &str| {
@@ -65,19 +70,39 @@ fn file_of_bag(folder: &Path) -> Result<PathBuf, LogError> {
         Err(LogError::NotThisFormat { path: folder.to_owned(), reason: reason.to_owned(), expected })
     };
     match &files_with(".mcap")[..] {
-        [only] => Ok(only.clone()),
+        [only] => Ok(vec![only.clone()]),
         [] if !files_with(".db3").is_empty() => not_read("the bag in this folder is in SQLite", TO_MCAP),
         [] if !files_with(".mcap.zstd").is_empty() => {
             not_read("the bag in this folder is packed by zstd", "unpack its files first: `zstd -d FILE`")
         }
         [] => Err(open_error(io::Error::new(io::ErrorKind::IsADirectory, "a folder; name a log file inside it"))),
         [first, ..] => {
-            let reason = format!(
-                "the bag in this folder has several files; name one of them ({}), or join them by `mcap merge` or \
-                 `ros2 bag convert`",
-                first.display()
-            );
-            Err(LogError::Bag { path: folder.to_owned(), reason })
+            let bag_error = |reason| LogError::Bag { path: folder.to_owned(), reason };
+            let metadata = folder.join("metadata.yaml");
+            if !metadata.exists() {
+                let reason = format!(
+                    "several files, and no metadata.yaml that tells whether they are one bag; name one of them ({}), \
+                     or have it made by `ros2 bag reindex`",
+                    first.display()
+                );
+                return Err(bag_error(reason));
+            }
+            let metadata = std::fs::read(&metadata).map_err(open_error)?;
+            let Metadata { bag: BagInformation { relative_file_paths } } = serde_saphyr::from_slice(&metadata)
+                .map_err(|error| bag_error(format!("its metadata.yaml: {error}")))?;
+            Ok(relative_file_paths.into_iter().map(|file| folder.join(file)).collect())
         }
     }
+}
+
+/// What `metadata.yaml` of a bag tells, as far as it matters.
+#[derive(Deserialize)]
+struct Metadata {
+    #[serde(rename = "rosbag2_bagfile_information")]
+    bag: BagInformation,
+}
+
+#[derive(Deserialize)]
+struct BagInformation {
+    relative_file_paths: Vec<PathBuf>,
 }

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import Reader as FolderReader
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as FolderWriter
 from rosbags.typesys import Stores, get_typestore
@@ -127,12 +128,43 @@ def write_folder(bag, storage):
             writer.write(connections[m["topic"]], log_time, data)
 
 
+def write_split(bag):
+    """A bag in three files, as a recorder leaves it that starts a new one now and then."""
+    folder = Path(bag["path"])
+    folder.mkdir()
+    # By their names they are in another order.
+    names, messages = ["part_9.mcap", "part_10.mcap", "part_11.mcap"], bag["messages"]
+    third = -(-len(messages) // 3)
+    topics, files = {}, []
+    for i, name in enumerate(names):
+        part = messages[i * third : (i + 1) * third]
+        write_file({**bag, "path": folder / name, "messages": part})
+        files.append({"path": name, "message_count": len(part)})
+        for m in part:
+            topics.setdefault(m["topic"], [encoded(m, True)[0], 0])[1] += 1
+    time, span = {"nanoseconds_since_epoch": 0}, {"nanoseconds": len(messages)}
+    kinds = [
+        {"topic_metadata": {"name": name, "type": kind, "serialization_format": "cdr", "offered_qos_profiles": ""},
+         "message_count": count}
+        for name, (kind, count) in topics.items()
+    ]  # fmt: skip
+    (folder / "metadata.yaml").write_text(json.dumps({"rosbag2_bagfile_information": {
+        "version": 5, "storage_identifier": "mcap", "duration": span, "starting_time": time,
+        "message_count": len(messages), "topics_with_message_count": kinds, "compression_format": "",
+        "compression_mode": "", "relative_file_paths": names, "files": files,
+    }}, indent=2))  # fmt: skip
+    with FolderReader(folder) as reader:
+        assert reader.message_count == sum(1 for _ in reader.messages()) == len(messages)
+
+
 def write(bag):
     match bag.get("storage", "file"):
         case "file":
             write_file(bag)
         case "folder":
             write_folder(bag, StoragePlugin.MCAP)
+        case "split":
+            write_split(bag)
         case "sqlite":
             write_folder(bag, StoragePlugin.SQLITE3)
 
@@ -184,6 +216,7 @@ def carmen(log, count, folder):
     write({"path": folder / "unchunked.mcap", "chunked": False, "messages": by_odometry})
     write({"path": folder / "transforms.mcap", "little_endian": False, "messages": by_transforms})
     write({"path": folder / "folder", "storage": "folder", "messages": by_transforms})
+    write({"path": folder / "split", "storage": "split", "messages": by_odometry})
 
 
 match sys.argv[1:]:

@@ -1,6 +1,6 @@
 //! ROS 2 bags in MCAP files (`.mcap`), with chunks packed by zstd, lz4 or not at all.
 //!
-//! In: a file. Out: its odometry and laser sweeps as [`LogEntry`]s in the order of their stamps, metres, radians and
+//! In: a file, or the files of a bag one after the other. Out: its odometry and laser sweeps as [`LogEntry`]s in the order of their stamps, metres, radians and
 //! seconds, stamped with the messages' `header.stamp`. Messages and chunks that cannot be read are left out and counted
 //! in [`LogStats`]. A bag that was cut off is read as far as it goes, and then ends with [`LogError::Read`].
 //!
@@ -64,10 +64,11 @@ pub struct Topics {
     pub odometry: Option<String>,
 }
 
-/// The log in an MCAP file.
+/// The log in an MCAP file, or in several.
 #[derive(Clone, Debug)]
 pub struct McapLog {
     path: PathBuf,
+    files: Vec<PathBuf>,
     plan: Arc<Plan>,
 }
 
@@ -79,8 +80,16 @@ impl McapLog {
     /// ([`LogError::Read`]), or has no scans, several choices of topics, or a tilted laser ([`LogError::Bag`]).
     pub fn new(path: impl Into<PathBuf>, topics: &Topics) -> Result<Self, LogError> {
         let path = path.into();
-        let plan = Arc::new(survey(&path, topics)?);
-        Ok(Self { path, plan })
+        Self::of_files(path.clone(), vec![path], topics)
+    }
+
+    /// The log in several files of one bag, in the order of their time; `path` stands for all of them.
+    ///
+    /// # Errors
+    /// As for [`Self::new`].
+    pub fn of_files(path: PathBuf, files: Vec<PathBuf>, topics: &Topics) -> Result<Self, LogError> {
+        let plan = Arc::new(survey(&path, &files, topics)?);
+        Ok(Self { path, files, plan })
     }
 }
 
@@ -94,7 +103,7 @@ impl LogSource for McapLog {
         Ok(Box::new(McapReader {
             path: self.path.clone(),
             plan: Arc::clone(&self.plan),
-            records: Records::open(&self.path).map_err(open_error)?,
+            records: Records::open(&self.files).map_err(open_error)?,
             odometry: VecDeque::new(),
             scans: VecDeque::new(),
             last_odometry: None,
@@ -254,7 +263,7 @@ impl LogReader for McapReader {
     }
 
     fn progress(&self) -> Option<(u64, u64)> {
-        Some((self.records.consumed(), self.records.length))
+        Some((self.records.consumed(), self.records.all))
     }
 }
 

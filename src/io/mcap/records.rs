@@ -1,4 +1,4 @@
-//! The records of an MCAP file: which topics there are, and their messages in the order of the file.
+//! The records of a bag's MCAP files: which topics there are, and their messages in the order of the files.
 //!
 //! Of the [format](https://mcap.dev/spec) this reads schemas, channels, messages and chunks of messages, up to the end
 //! of the data section; the summary behind it repeats what was read. No size that a file tells is taken at its word:
@@ -8,7 +8,7 @@ use crc32fast::hash as crc32;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, ErrorKind, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Every MCAP file begins with these bytes.
@@ -46,13 +46,18 @@ pub(super) enum Next {
     End,
 }
 
-/// An MCAP file that is being read.
+/// A bag that is being read: one MCAP file after the other.
 #[derive(Debug)]
 pub(super) struct Records {
     file: BufReader<File>,
+    /// The files that come after it.
+    rest: std::vec::IntoIter<PathBuf>,
     /// Bytes of the file before the record that comes next, and of the whole file.
     consumed: u64,
-    pub(super) length: u64,
+    length: u64,
+    /// Bytes of the files before it, and of all files.
+    before: u64,
+    pub(super) all: u64,
     schemas: BTreeMap<u16, String>,
     channels: BTreeMap<u16, Arc<Channel>>,
     /// The chunk that is being read, unpacked, and how much of it was read.
@@ -61,19 +66,23 @@ pub(super) struct Records {
 }
 
 impl Records {
-    /// Opens a file; what does not begin with [`MAGIC`] is [`ErrorKind::InvalidData`].
-    pub(super) fn open(path: &Path) -> io::Result<Self> {
-        let file = File::open(path)?;
-        let length = file.metadata()?.len();
-        let mut file = BufReader::with_capacity(1 << 16, file);
-        let mut magic = [0; MAGIC.len()];
-        if file.read_exact(&mut magic).is_err() || magic != MAGIC {
-            return Err(io::Error::new(ErrorKind::InvalidData, "it does not begin as MCAP files do"));
+    /// Opens the files of a bag; one that does not begin with [`MAGIC`] is [`ErrorKind::InvalidData`].
+    pub(super) fn open(files: &[PathBuf]) -> io::Result<Self> {
+        let tell = |path: &Path, error| if files.len() > 1 { named(path, &error) } else { error };
+        let mut all = 0;
+        for path in files {
+            all += std::fs::metadata(path).map_err(|error| tell(path, error))?.len();
         }
+        let mut rest = files.to_vec().into_iter();
+        let first = rest.next().ok_or_else(|| io::Error::new(ErrorKind::NotFound, "the bag has no file"))?;
+        let (file, length) = open(&first).map_err(|error| tell(&first, error))?;
         Ok(Self {
             file,
+            rest,
             consumed: MAGIC.len() as u64,
             length,
+            before: 0,
+            all,
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
             chunk: Vec::new(),
@@ -81,9 +90,20 @@ impl Records {
         })
     }
 
-    /// Bytes of the file that were read.
+    /// Bytes of the bag that were read.
     pub(super) fn consumed(&self) -> u64 {
-        self.consumed.min(self.length)
+        (self.before + self.consumed.min(self.length)).min(self.all)
+    }
+
+    /// Goes on to the next file, which declares its topics anew; false where there is none.
+    fn open_next(&mut self) -> io::Result<bool> {
+        let Some(path) = self.rest.next() else { return Ok(false) };
+        let (file, length) = open(&path).map_err(|error| named(&path, &error))?;
+        self.before += self.length;
+        (self.file, self.length, self.consumed) = (file, length, MAGIC.len() as u64);
+        self.schemas.clear();
+        self.channels.clear();
+        Ok(true)
     }
 
     /// The next message, or what is there in its place.
@@ -127,7 +147,7 @@ impl Records {
         let start = self.consumed;
         self.consumed = start.saturating_add(9).saturating_add(length);
         if opcode == DATA_END {
-            return Ok(Some(Next::End));
+            return Ok(if self.open_next()? { None } else { Some(Next::End) });
         }
         // Past its end a file can be sought to but not read.
         if opcode == 0 || self.consumed > self.length {
@@ -196,6 +216,23 @@ impl Records {
             None => Next::Damage(format!("a message of channel {id}, which the file does not declare")),
         })
     }
+}
+
+/// A file, behind its magic bytes, and its length.
+fn open(path: &Path) -> io::Result<(BufReader<File>, u64)> {
+    let file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut file = BufReader::with_capacity(1 << 16, file);
+    let mut magic = [0; MAGIC.len()];
+    if file.read_exact(&mut magic).is_err() || magic != MAGIC {
+        return Err(io::Error::new(ErrorKind::InvalidData, "it does not begin as MCAP files do"));
+    }
+    Ok((file, length))
+}
+
+/// An error of one file of several.
+fn named(path: &Path, error: &io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("{}: {error}", path.display()))
 }
 
 fn cut_off() -> io::Error {

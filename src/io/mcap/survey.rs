@@ -6,7 +6,7 @@ use super::messages::{self, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORM
 use super::records::{Channel, Next, Records};
 use crate::io::LogError;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Topics that are kept apart, and pairs of moving frames; a damaged file could hold any number.
 const MAX_NAMES: usize = 10_000;
@@ -36,9 +36,9 @@ pub(super) enum OdometrySource {
 ///
 /// # Errors
 /// The bag cannot be opened, or it is not clear which of its topics make the log.
-pub(super) fn survey(path: &Path, topics: &Topics) -> Result<Plan, LogError> {
+pub(super) fn survey(path: &Path, files: &[PathBuf], topics: &Topics) -> Result<Plan, LogError> {
     let open_error = |source| LogError::Open { path: path.to_owned(), source };
-    let mut records = Records::open(path).map_err(open_error)?;
+    let mut records = Records::open(files).map_err(open_error)?;
     let mut found = Survey::default();
     let (mut messages, mut first_damage) = (0, None);
     let broke_off = loop {
