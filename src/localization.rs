@@ -5,7 +5,7 @@
 //!
 //! - The number of particles follows the doubt (KLD sampling; D. Fox, "Adapting the sample size in particle filters through
 //!   KLD-sampling", IJRR 2003): as many as it takes to tell the bins apart that particles are found in, from the whole
-//!   free area down to a few hundred.
+//!   free area down to a thousand.
 //! - Where scans fit worse than they used to, particles from anywhere are mixed in (augmented MCL; S. Thrun, W. Burgard,
 //!   D. Fox, "Probabilistic Robotics", table 8.3), so that a robot that was carried away is found again.
 //! - The pose that is told is not the mean of the particles but the top of the posterior around their mode, climbed to in
@@ -15,11 +15,11 @@
 use crate::config::Config;
 use crate::evaluator::failover::Failover;
 use crate::evaluator::grouping::sort_by_place;
-use crate::evaluator::layout::{LikelihoodConfig, LocalPose, Tile, tiles};
+use crate::evaluator::layout::{ClusterParams, LikelihoodConfig, LocalPose, Tile, tiles};
 use crate::evaluator::symmetric::{noise_of, packed};
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::{self, Advance, Evaluator, EvaluatorError, Propagation, Scene, Start, Weighed};
-use crate::filter::{effective_sample_size, normalised};
+use crate::filter::{effective_sample_size, normalised, resample};
 use crate::geometry::Pose;
 use crate::grid::FreeArea;
 use crate::io::LogEntry;
@@ -71,7 +71,7 @@ impl Default for LocalizationConfig {
     fn default() -> Self {
         Self {
             max_particles: 100_000,
-            min_particles: 300,
+            min_particles: 1000,
             kld_error: 0.05,
             kld_quantile: 2.33,
             temper: 0.01,
@@ -135,8 +135,12 @@ struct Mode {
 pub struct Localization {
     config: Config,
     map: KnownMap,
+    /// ln of the density of a point in the middle of a wall of the map.
+    log_peak: f64,
     prior: Option<Prior>,
     table: ClusterTable,
+    /// How thick the walls of the table are while particles are weighed \[m\].
+    sigma: f64,
     /// Every cluster, for the one map that all particles share.
     slots: [Vec<Slot>; 1],
     evaluator: Failover,
@@ -169,9 +173,11 @@ impl Localization {
         let slots = (0..map.clusters.len() as Slot).collect();
         let mut this = Self {
             config,
+            log_peak: log_peak(&map.clusters, &config.likelihood),
             map,
             prior,
             table,
+            sigma: config.localization.most_sigma,
             slots: [slots],
             evaluator: Failover::new(evaluator),
             particles: Vec::new(),
@@ -246,8 +252,7 @@ impl Localization {
         let began = Instant::now();
         let anywhere = self.remember(estimate.confidence.explained);
         let drawn = self.resample(&weighed, &weights, anywhere);
-        let parents: Vec<u32> = drawn.particles.iter().map(|&(_, parent)| parent).collect();
-        self.take(drawn);
+        let parents = self.take(drawn);
         times.resample += began.elapsed().as_secs_f64();
 
         let anchor = self.table.anchor();
@@ -368,13 +373,11 @@ impl Localization {
         let covariance = mode.covariance + Matrix3::from_diagonal(&Vector3::new(0.05, 0.05, 0.02).map(|s: f64| s * s));
         let best = self.climb(mode.mean, &covariance, tiles);
 
-        let likelihood = &self.config.likelihood;
-        let points: u32 = tiles.iter().map(|tile| tile.count).sum();
-        // A point in the middle of a wall of the least thickness.
-        let at_best = -(TAU.sqrt() * likelihood.sigma_floor).ln();
-        let range = f64::from(points) * (at_best - likelihood.outlier_density.ln());
-        let gained = f64::from(best.log_likelihood) - f64::from(points) * likelihood.outlier_density.ln();
-        let explained = if range > 0.0 { (gained / range).clamp(0.0, 1.0) } else { 0.0 };
+        let points: f64 = tiles.iter().map(|tile| f64::from(tile.count)).sum();
+        let log_outlier = f64::from(self.table.log_outlier());
+        let most = points * (self.log_peak - log_outlier);
+        let gained = f64::from(best.log_likelihood) - points * log_outlier;
+        let explained = if most > 0.0 { (gained / most).clamp(0.0, 1.0) } else { 0.0 };
         let LocalizationConfig { located_weight, located_explained, located_steps, .. } = self.config.localization;
         let is_good = mode.weight >= located_weight && explained >= located_explained;
         // A bad step costs four good ones, so that a moment of doubt is no new start.
@@ -394,8 +397,8 @@ impl Localization {
         if slow > 0.0 { (1.0 - fast / slow).max(0.0) } else { 0.0 }
     }
 
-    /// KLD sampling: draws until there are enough particles for the bins that they are found in. Returns them with the
-    /// number of the particle that each was before.
+    /// Draws anew, a share of the particles from anywhere. KLD sampling tells how many there are, systematic resampling
+    /// which: in the order of their places, so that no place gains or loses particles by chance.
     fn resample(&self, weighed: &[Weighed], weights: &[f64], anywhere: f64) -> Drawn {
         let mut cumulative = weights.to_vec();
         cumulative.iter_mut().fold(0.0, |sum, weight| {
@@ -403,41 +406,52 @@ impl Localization {
             *weight
         });
         let total = cumulative.last().copied().unwrap_or(0.0);
-        self.draw_enough(|number| {
-            let words = bits(self.config.seed, self.steps, number, Draw::Resample);
+        let words = |number| bits(self.config.seed, self.steps, number, Draw::Resample);
+        let (count, bins) = self.enough(|number| {
+            let words = words(number);
             if fraction(words[0], 0) < anywhere {
-                return (self.anywhere(self.steps, number), u32::MAX);
+                return self.anywhere(self.steps, number);
             }
             let target = fraction(words[1], words[2]) * total;
-            let parent = cumulative.partition_point(|&sum| sum <= target).min(weighed.len() - 1);
-            (weighed[parent].pose, parent as u32)
-        })
+            weighed[cumulative.partition_point(|&sum| sum <= target).min(weighed.len() - 1)].pose
+        });
+        let from_anywhere = (anywhere * count as f64).round() as usize;
+        let offset = fraction(words(u32::MAX)[0], 0);
+        let parents = resample(weights, count - from_anywhere.min(count), offset).into_iter();
+        let mut particles: Vec<(LocalPose, u32)> =
+            parents.map(|parent| (weighed[parent].pose, parent as u32)).collect();
+        particles.extend((0..from_anywhere as u32).map(|number| (self.anywhere(self.steps, number), u32::MAX)));
+        Drawn { particles, bins }
     }
 
-    /// Draws until there are enough particles for the bins that they are found in; neighbours lie close together.
-    fn draw_enough(&self, draw: impl Fn(u32) -> (LocalPose, u32)) -> Drawn {
+    /// KLD sampling: so many draws are enough for the bins that they fall in, and how many bins these are.
+    fn enough(&self, draw: impl Fn(u32) -> LocalPose) -> (usize, usize) {
         let LocalizationConfig { max_particles, min_particles, .. } = self.config.localization;
         let mut bins: HashSet<[i32; 3]> = HashSet::new();
-        let mut drawn: Vec<(LocalPose, u32)> = Vec::new();
-        let mut enough = min_particles;
-        while drawn.len() < enough.min(max_particles) {
-            let one = draw(drawn.len() as u32);
-            if bins.insert(bin(one.0)) {
+        let (mut drawn, mut enough) = (0, min_particles);
+        while drawn < enough.min(max_particles) {
+            if bins.insert(bin(draw(drawn as u32))) {
                 enough = enough_for(bins.len(), &self.config.localization).max(min_particles);
             }
-            drawn.push(one);
+            drawn += 1;
         }
-        sort_by_place(&mut drawn, |drawn| drawn.0);
-        Drawn { particles: drawn, bins: bins.len() }
+        (drawn, bins.len())
     }
 
-    /// Goes on with these particles, and with walls as thick as they are sparse.
-    fn take(&mut self, Drawn { particles, bins }: Drawn) {
+    /// Goes on with these particles, in the order of their places, and with walls as thick as they are sparse. Returns
+    /// the number of the particle that each was before.
+    fn take(&mut self, Drawn { mut particles, bins }: Drawn) -> Vec<u32> {
+        sort_by_place(&mut particles, |particle| particle.0);
         let LocalizationConfig { least_sigma, most_sigma, .. } = self.config.localization;
         let volume = bins as f64 * BIN.iter().product::<f64>() / particles.len().max(1) as f64;
         let sigma = (0.5 * (LEVER * volume).cbrt()).clamp(least_sigma, most_sigma);
-        self.table = table(&self.map, sigma, &self.config.likelihood);
-        self.particles = particles.into_iter().map(|(pose, _)| pose).collect();
+        if sigma != self.sigma {
+            self.sigma = sigma;
+            self.table = table(&self.map, sigma, &self.config.likelihood);
+        }
+        let parents;
+        (self.particles, parents) = particles.into_iter().unzip();
+        parents
     }
 
     /// Particles of the prior, as many as its bins take.
@@ -451,7 +465,8 @@ impl Localization {
                 LocalPose::new(pose, self.table.anchor())
             }
         };
-        self.draw_enough(|number| (place(number), number))
+        let (count, bins) = self.enough(place);
+        Drawn { particles: (0..count as u32).map(|number| (place(number), number)).collect(), bins }
     }
 
     /// A pose anywhere in the free area.
@@ -473,6 +488,18 @@ fn table(map: &KnownMap, sigma: f64, likelihood: &LikelihoodConfig) -> ClusterTa
     // Particles may be anywhere, so the anchor is the middle of the map and stays there.
     table.update(&mut pool, middle(&map.clusters));
     table
+}
+
+/// ln of the density of a point in the middle of a wall, of all metres of wall on average: as much as a map of its
+/// resolution can say of a point.
+fn log_peak(clusters: &[Cluster], likelihood: &LikelihoodConfig) -> f64 {
+    let of = |cluster: &Cluster| ClusterParams::new(cluster, Point2::origin(), likelihood).log_peak;
+    let (mut length, mut sum) = (0.0, 0.0);
+    for cluster in clusters {
+        length += cluster.length();
+        sum += cluster.length() * f64::from(of(cluster));
+    }
+    if length > 0.0 { sum / length } else { f64::from(likelihood.log_outlier()) }
 }
 
 /// The bin of a pose.

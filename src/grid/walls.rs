@@ -12,6 +12,10 @@ use std::collections::BTreeMap;
 /// Side of the squares that are clustered one by one \[m\]: each holds about as many points as a scan.
 const SQUARE: f64 = 4.0;
 
+/// Standard deviation of a wall's place, in cells: its face is somewhere in one, and whoever made the grid may have been
+/// off by another.
+const KNOWN_TO: f64 = 2.0;
+
 /// A wall's face may be this far from free cells, with unknown ones between \[m\]: those of a [`FreeArea`](super::FreeArea)
 /// keep away from walls by up to their diagonal.
 const FACE_GAP: f64 = 0.4;
@@ -20,7 +24,7 @@ const FACE_GAP: f64 = 0.4;
 /// scan, square by square, and joined across the squares' borders.
 ///
 /// `config` is that of a scan. Where a cell is wider than the thickness and gaps that it allows, a cell's width counts.
-/// A cluster's `count` is its number of cells.
+/// A cluster's `count` is its number of cells, and its standard deviation across at least two cells.
 pub fn clusters(grid: &OccupancyGrid, config: &ClusteringConfig) -> Vec<Cluster> {
     let mut squares: BTreeMap<[i64; 2], Vec<Point2<f64>>> = BTreeMap::new();
     let cells_across = (SQUARE / grid.resolution()).ceil().max(1.0) as i64;
@@ -41,7 +45,9 @@ pub fn clusters(grid: &OccupancyGrid, config: &ClusteringConfig) -> Vec<Cluster>
     let pieces: Vec<Cluster> = squares.par_iter().flat_map(|points| cluster_points(points, &config).clusters).collect();
     let default = MergingConfig::default();
     let merging = MergingConfig { max_across: default.max_across.max(max_across), consolidate: true, ..default };
-    consolidated(&pieces, &MatchingConfig::default(), &merging)
+    let least_across = (KNOWN_TO * grid.resolution()).powi(2);
+    let thick = |wall: Cluster| Cluster { across_variance: wall.across_variance.max(least_across), ..wall };
+    consolidated(&pieces, &MatchingConfig::default(), &merging).into_iter().map(thick).collect()
 }
 
 /// Whether the first cell that is known, left, right, below or above, is free.

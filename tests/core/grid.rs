@@ -86,6 +86,9 @@ fn a_drive_shows_the_building() {
     assert!(at_wall > 0.95, "{at_wall} of the ends are at a wall");
     let explained = share(&occupied, |point| walls.iter().any(|wall| on_wall(wall, point)));
     assert!(explained > 0.9, "the clusters explain {explained} of the occupied cells");
+    // Two cells, to rounding.
+    let thinnest = walls.iter().map(|wall| wall.across_variance.sqrt()).fold(f64::INFINITY, f64::min);
+    assert!((thinnest - 0.1).abs() < 1e-9, "a wall is known to {thinnest} m");
 }
 
 /// Whether a point is as near to a wall as a cell is wide.

@@ -3,8 +3,8 @@
 use ipslam::clustering::ClusteringConfig;
 use ipslam::config::Config;
 use ipslam::geometry::{Pose, StampedPose};
-use ipslam::grid::{FreeArea, GridBuilder, clusters};
-use ipslam::io::{LogEntry, LogSource};
+use ipslam::grid::{Cell, FreeArea, GridBuilder, OccupancyGrid, clusters};
+use ipslam::io::{LaserReading, LogEntry, LogSource};
 use ipslam::localization::{KnownMap, Localization, LocalizationConfig, Prior};
 use ipslam::scan::Scan;
 use ipslam::simulate::Simulation;
@@ -158,4 +158,59 @@ fn threads_change_nothing() {
     let one = run(1);
     assert!(one.len() > 5 && one == run(2));
     assert!(one.windows(2).all(|pair| pair[0] != pair[1]), "checksums tell steps apart");
+}
+
+/// In a room that looks the same from its other side neither is forgotten for the other.
+#[test]
+fn places_that_look_alike_are_kept_apart() {
+    const ROOM: [f64; 2] = [6.0, 4.0];
+    const CELL: f64 = 0.05;
+    let [width, height] = ROOM.map(|side| (side / CELL).round() as u32);
+    let is_wall = |(row, column): (u32, u32)| row == 0 || column == 0 || row == height - 1 || column == width - 1;
+    let places = (0..height).flat_map(|row| (0..width).map(move |column| (row, column)));
+    let cells = places.map(|place| if is_wall(place) { Cell::Occupied } else { Cell::Free }).collect();
+    let grid = OccupancyGrid::new(CELL, Pose::IDENTITY, width, height, cells).unwrap();
+    let map = KnownMap {
+        clusters: clusters(&grid, &ClusteringConfig::default()),
+        free: FreeArea::from_grid(&grid, []).unwrap(),
+    };
+    assert_eq!(map.clusters.len(), 4);
+
+    // To the wall's middle, which is where a grid has it.
+    let range = |robot: Pose, angle: f64| {
+        let direction = Pose::new(0.0, 0.0, robot.heading + angle).direction();
+        let along = |axis: usize| {
+            let wall = if direction[axis] > 0.0 { ROOM[axis] - CELL / 2.0 } else { CELL / 2.0 };
+            (wall - robot.position()[axis]) / direction[axis]
+        };
+        [0, 1].into_iter().filter(|&axis| direction[axis] != 0.0).map(along).fold(f64::INFINITY, f64::min)
+    };
+    let reading = |step: i32| {
+        let robot = Pose::new(2.0 + 0.31 * f64::from((step % 10 - 5).abs()), 1.5, 0.0);
+        LogEntry::Laser(LaserReading {
+            stamp: f64::from(step),
+            odom_from_robot: robot,
+            robot_from_laser: Pose::IDENTITY,
+            first_angle: 0.0,
+            angle_step: 1_f64.to_radians(),
+            max_range: 30.0,
+            ranges: (0..360).map(|degrees: i32| range(robot, f64::from(degrees).to_radians())).collect(),
+        })
+    };
+    for seed in 1..=5 {
+        let localization = LocalizationConfig { max_particles: 20_000, ..LocalizationConfig::default() };
+        let config = Config { seed, localization, ..Config::default() };
+        let mut filter = Localization::new(map.clone(), None, config, None);
+        let (mut most, mut fewest) = (0.0_f64, usize::MAX);
+        for step in 0..200 {
+            filter.add(&reading(step), &mut |report| {
+                let confidence = report.confidence.unwrap();
+                assert!(!confidence.is_located, "seed {seed}: step {step}: located in one of two places");
+                most = most.max(if step < 20 { 0.0 } else { confidence.weight });
+                fewest = fewest.min(report.particles.len());
+            });
+        }
+        println!("seed {seed}: {fewest} particles at least; a place has up to {most:.2} of the weight");
+        assert!((0.4..0.95).contains(&most) && fewest < 2000, "{fewest} particles, up to {most}");
+    }
 }

@@ -88,7 +88,7 @@ impl McapLog {
     /// # Errors
     /// As for [`Self::new`].
     pub fn of_files(path: PathBuf, files: Vec<PathBuf>, topics: &Topics) -> Result<Self, LogError> {
-        let plan = Arc::new(survey(&path, &files, topics)?);
+        let plan = Arc::new(survey(&path, files.clone(), topics)?);
         Ok(Self { path, files, plan })
     }
 }
@@ -103,7 +103,7 @@ impl LogSource for McapLog {
         Ok(Box::new(McapReader {
             path: self.path.clone(),
             plan: Arc::clone(&self.plan),
-            records: Records::open(&self.files).map_err(open_error)?,
+            records: Records::open(self.files.clone()).map_err(open_error)?,
             odometry: VecDeque::new(),
             scans: VecDeque::new(),
             last_odometry: None,

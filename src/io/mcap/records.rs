@@ -67,13 +67,14 @@ pub(super) struct Records {
 
 impl Records {
     /// Opens the files of a bag; one that does not begin with [`MAGIC`] is [`ErrorKind::InvalidData`].
-    pub(super) fn open(files: &[PathBuf]) -> io::Result<Self> {
-        let tell = |path: &Path, error| if files.len() > 1 { named(path, &error) } else { error };
+    pub(super) fn open(files: Vec<PathBuf>) -> io::Result<Self> {
+        let are_several = files.len() > 1;
+        let tell = |path: &Path, error| if are_several { named(path, &error) } else { error };
         let mut all = 0;
-        for path in files {
+        for path in &files {
             all += std::fs::metadata(path).map_err(|error| tell(path, error))?.len();
         }
-        let mut rest = files.to_vec().into_iter();
+        let mut rest = files.into_iter();
         let first = rest.next().ok_or_else(|| io::Error::new(ErrorKind::NotFound, "the bag has no file"))?;
         let (file, length) = open(&first).map_err(|error| tell(&first, error))?;
         Ok(Self {

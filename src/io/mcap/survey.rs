@@ -36,7 +36,7 @@ pub(super) enum OdometrySource {
 ///
 /// # Errors
 /// The bag cannot be opened, or it is not clear which of its topics make the log.
-pub(super) fn survey(path: &Path, files: &[PathBuf], topics: &Topics) -> Result<Plan, LogError> {
+pub(super) fn survey(path: &Path, files: Vec<PathBuf>, topics: &Topics) -> Result<Plan, LogError> {
     let open_error = |source| LogError::Open { path: path.to_owned(), source };
     let mut records = Records::open(files).map_err(open_error)?;
     let mut found = Survey::default();
