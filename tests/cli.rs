@@ -600,6 +600,13 @@ fn bench_prints_a_row_for_every_size() {
         assert!(done.out.contains(size), "{}", done.out);
     }
     place.ipslam(&["bench", "--particles", "0"]).ended(2);
+    // Nothing but JSON comes out with `--json`.
+    let done = place.ipslam(&["bench", "--particles", "100", "--points", "90", "--clusters", "50", "--json"]);
+    let found: Value = serde_json::from_str(&done.ended(0).out).unwrap();
+    assert!(found["cpu"]["peak_flop_a_second"].as_f64() > Some(1e6), "{found}");
+    let rows = found["rows"].as_array().unwrap();
+    assert!(rows.iter().all(|row| row["particles"] == 100 && row["seconds"].as_f64() > Some(0.0)), "{found}");
+    assert_eq!(rows.iter().filter(|row| row["device"] == "CPU" && row["times_cpu"] == 1.0).count(), 1, "{found}");
 }
 
 #[cfg(feature = "gpu")]
@@ -614,6 +621,11 @@ fn devices_are_listed_and_tested() {
     done.ended(0);
     assert!(adapters.iter().all(|adapter| done.out.contains(&adapter.name)), "{}", done.out);
     assert_eq!(done.out.matches("self-test passed").count(), adapters.len(), "{}", done.out);
+    let done = Place::new().ipslam(&["devices", "--json"]);
+    let found: Value = serde_json::from_str(&done.ended(0).out).unwrap();
+    let names: Vec<_> = found.as_array().unwrap().iter().filter_map(|device| device["name"].as_str()).collect();
+    assert!(names.iter().eq(adapters.iter().map(|adapter| &adapter.name)), "{found}");
+    assert!(found[0]["passed"] == true && found[0]["max_buffer_bytes"].as_u64() > Some(0), "{found}");
 }
 
 #[test]
