@@ -56,7 +56,7 @@ fn axes(slot: u32) -> Axes {
     if slot == NONE {
         return Axes(vec3f(0.0), vec3f(0.0));
     }
-    let cluster = clusters[slot];
+    let cluster = cluster_at(slot);
     return Axes(select(vec3f(0.0), cluster.along, cluster.half_length == 0.0), cluster.across);
 }
 

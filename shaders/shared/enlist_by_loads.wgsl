@@ -3,6 +3,6 @@
 fn enlist_all(group: Group, list: ptr<function, Enlisted>, lane: u32) {
     for (var number = 0u; number < group.slot_count; number++) {
         let slot = slots[group.first_slot + number];
-        enlist(list, clusters[slot], slot);
+        enlist(list, cluster_at(slot), slot);
     }
 }

@@ -65,7 +65,8 @@ struct Phase {
 @group(0) @binding(0) var<uniform> job: Job;
 @group(0) @binding(1) var<uniform> phase: Phase;
 @group(0) @binding(2) var<storage, read> tiles: array<Tile>;
-@group(0) @binding(3) var<storage, read> clusters: array<ClusterParams>;
+// ClusterParams by slot, in halves that can be loaded one by one: along and half_length, across and log_peak.
+@group(0) @binding(3) var<storage, read> clusters: array<array<vec4f, 2>>;
 @group(0) @binding(4) var<storage, read> slots: array<u32>;
 @group(0) @binding(5) var<storage, read> groups: array<Group>;
 // x, y, heading; and the log-likelihood of the scan from there.
@@ -82,6 +83,14 @@ const SETTLED = 2u;
 
 // Room of a candidate list. Where more clusters reach a tile, all clusters of the map are looked through.
 const LIST_ROOM = 63u;
+
+fn cluster_of(along: vec4f, across: vec4f) -> ClusterParams {
+    return ClusterParams(along.xyz, along.w, across.xyz, across.w);
+}
+
+fn cluster_at(slot: u32) -> ClusterParams {
+    return cluster_of(clusters[slot][0], clusters[slot][1]);
+}
 
 fn is_climbing(particle: u32) -> bool {
     return phase.restart == 1u || modes[particle].state != SETTLED;

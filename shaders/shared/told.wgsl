@@ -1,37 +1,22 @@
-// The cluster of one of the first four lanes, in all lanes. The number of the lane has to be written out.
+// Eight lanes load half a cluster each, and tell them to one another. The number of a lane has to be written out.
 
-fn told0(mine: ClusterParams) -> ClusterParams {
-    return ClusterParams(
-        subgroupBroadcast(mine.along, 0u),
-        subgroupBroadcast(mine.half_length, 0u),
-        subgroupBroadcast(mine.across, 0u),
-        subgroupBroadcast(mine.log_peak, 0u),
-    );
+// This lane's half: the first four lanes have those of the first half, in the order of their slots.
+fn half_of(slot: u32, lane: u32) -> vec4f {
+    return clusters[slot][lane / 4u % 2u];
 }
 
-fn told1(mine: ClusterParams) -> ClusterParams {
-    return ClusterParams(
-        subgroupBroadcast(mine.along, 1u),
-        subgroupBroadcast(mine.half_length, 1u),
-        subgroupBroadcast(mine.across, 1u),
-        subgroupBroadcast(mine.log_peak, 1u),
-    );
+fn told0(mine: vec4f) -> ClusterParams {
+    return cluster_of(subgroupBroadcast(mine, 0u), subgroupBroadcast(mine, 4u));
 }
 
-fn told2(mine: ClusterParams) -> ClusterParams {
-    return ClusterParams(
-        subgroupBroadcast(mine.along, 2u),
-        subgroupBroadcast(mine.half_length, 2u),
-        subgroupBroadcast(mine.across, 2u),
-        subgroupBroadcast(mine.log_peak, 2u),
-    );
+fn told1(mine: vec4f) -> ClusterParams {
+    return cluster_of(subgroupBroadcast(mine, 1u), subgroupBroadcast(mine, 5u));
 }
 
-fn told3(mine: ClusterParams) -> ClusterParams {
-    return ClusterParams(
-        subgroupBroadcast(mine.along, 3u),
-        subgroupBroadcast(mine.half_length, 3u),
-        subgroupBroadcast(mine.across, 3u),
-        subgroupBroadcast(mine.log_peak, 3u),
-    );
+fn told2(mine: vec4f) -> ClusterParams {
+    return cluster_of(subgroupBroadcast(mine, 2u), subgroupBroadcast(mine, 6u));
+}
+
+fn told3(mine: vec4f) -> ClusterParams {
+    return cluster_of(subgroupBroadcast(mine, 3u), subgroupBroadcast(mine, 7u));
 }

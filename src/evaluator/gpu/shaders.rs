@@ -25,6 +25,8 @@ const LAYOUT: &str = piece!("shared/layout");
 const MATH: &str = piece!("shared/math");
 const RANDOM: &str = piece!("shared/random");
 const LOOK: &str = piece!("shared/look");
+const LIKELIEST_CLUSTER: &str = piece!("shared/likeliest_cluster");
+const LIKELIEST_DENSITY: &str = piece!("shared/likeliest_density");
 const TOLD: &str = piece!("shared/told");
 const CHOLESKY: &str = piece!("shared/cholesky");
 
@@ -77,9 +79,9 @@ impl Kernel {
         let pieces: [&[&str]; 3] = match self {
             Self::Propagate => [&[LAYOUT, MATH, RANDOM], &[], &[piece!("propagate")]],
             Self::Cull => [&[LAYOUT, MATH], enlist, &[piece!("cull")]],
-            Self::Refine => [&[LAYOUT, MATH, LOOK], look, &[CHOLESKY, piece!("refine")]],
+            Self::Refine => [&[LAYOUT, MATH, LOOK, LIKELIEST_CLUSTER], look, &[CHOLESKY, piece!("refine")]],
             Self::Draw => [&[LAYOUT, MATH, RANDOM, CHOLESKY], &[], &[piece!("draw")]],
-            Self::Weigh => [&[LAYOUT, MATH, LOOK], look, &[piece!("weigh")]],
+            Self::Weigh => [&[LAYOUT, MATH, LOOK, LIKELIEST_DENSITY], look, &[piece!("weigh")]],
         };
         pieces.concat().join("\n")
     }
