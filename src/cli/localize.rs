@@ -159,6 +159,7 @@ fn known_map(path: &Path, config: &Config) -> anyhow::Result<KnownMap> {
 /// What was found out about one reading.
 struct Reading {
     stamp: f64,
+    way: Way,
     odom_from_robot: Pose,
     /// The likeliest pose; none before the first scan.
     world_from_robot: Option<Pose>,
@@ -177,14 +178,13 @@ struct Followed {
     particles_most: usize,
     particles_last: usize,
     first_step_seconds: f64,
-    first_fix: Option<Fix>,
     evaluator_failure: Option<String>,
     broke_off: Option<LogError>,
 }
 
-/// When the robot was located, since the start.
-#[derive(Clone, Copy, Serialize)]
-struct Fix {
+/// How far the robot has come since the start, by its odometry.
+#[derive(Clone, Copy, Default, Serialize)]
+struct Way {
     seconds: f64,
     metres: f64,
 }
@@ -200,7 +200,6 @@ fn follow(
     let mut progress = Progress::new(reader.progress().map(|(_, all)| all));
     let mut followed = Followed::default();
     let mut first_stamp: Option<f64> = None;
-    let mut metres = 0.0;
     while let Some(entry) = reader.next().filter(|_| !interrupt::happened()) {
         let entry = match entry {
             Ok(entry) => entry,
@@ -219,9 +218,7 @@ fn follow(
             followed.skipped += 1;
             continue;
         }
-        if let Some(last) = followed.readings.last() {
-            metres += odom_from_robot.seen_from(last.odom_from_robot).position().coords.norm();
-        }
+        let way = followed.readings.last().map_or_else(Way::default, |last| last.way_to(stamp, odom_from_robot));
         followed.scans += u64::from(matches!(entry, LogEntry::Laser(_)));
         observers.iter_mut().for_each(|observer| observer.on_entry(&entry));
         let began = Instant::now();
@@ -231,11 +228,8 @@ fn follow(
         });
         let estimate = filter.estimate();
         let is_located = estimate.is_some_and(|estimate| estimate.confidence.is_located);
-        if is_located {
-            followed.first_fix.get_or_insert(Fix { seconds: since - skip, metres });
-        }
         let world_from_robot = estimate.map(|estimate| estimate.world_from_robot);
-        followed.readings.push(Reading { stamp, odom_from_robot, world_from_robot, is_located });
+        followed.readings.push(Reading { stamp, way, odom_from_robot, world_from_robot, is_located });
         let place = if is_located { "located" } else { "looking" };
         progress.update(reader.progress().map_or(followed.scans, |(done, _)| done), |_| {
             format!("{} particles, {place}", followed.particles_last)
@@ -246,6 +240,16 @@ fn follow(
     let result = RunResult { map: map.clusters.clone(), trajectory: followed.located(), odometry: Vec::new() };
     observers.iter_mut().for_each(|observer| observer.on_finish(&result, false));
     Ok(followed)
+}
+
+impl Reading {
+    /// The way from the start to a later reading, by this one.
+    fn way_to(&self, stamp: f64, odom_from_robot: Pose) -> Way {
+        Way {
+            seconds: self.way.seconds + stamp - self.stamp,
+            metres: self.way.metres + odom_from_robot.seen_from(self.odom_from_robot).position().coords.norm(),
+        }
+    }
 }
 
 impl Followed {
@@ -262,6 +266,10 @@ impl Followed {
     fn located_readings(&self) -> impl Iterator<Item = (&Reading, Pose)> {
         let located = self.readings.iter().filter(|reading| reading.is_located);
         located.filter_map(|reading| Some((reading, reading.world_from_robot?)))
+    }
+
+    fn first_fix(&self) -> Option<Way> {
+        self.located_readings().next().map(|(reading, _)| reading.way)
     }
 
     /// Poses that can be relied on.
@@ -284,7 +292,7 @@ struct Errors {
     compared: usize,
     /// Of these, those within 0.5 m and 10°.
     right: usize,
-    first_right_fix: Option<Fix>,
+    first_right_fix: Option<Way>,
     /// Of the right ones.
     median_error_m: f64,
     largest_error_m: f64,
@@ -294,25 +302,14 @@ fn errors(followed: &Followed, reference: &[StampedPose]) -> Errors {
     const RIGHT: (f64, f64) = (0.5, 10.0 * std::f64::consts::PI / 180.0);
     let truth = PoseLookup::new(reference);
     let (mut compared, mut first_right_fix, mut right): (_, _, Vec<f64>) = (0, None, Vec::new());
-    let first = followed.readings.first();
-    let mut metres = 0.0;
-    let mut last = first;
-    for reading in &followed.readings {
-        metres +=
-            last.map_or(0.0, |last| reading.odom_from_robot.seen_from(last.odom_from_robot).position().coords.norm());
-        last = Some(reading);
-        let (Some(pose), Some(truth)) =
-            (reading.world_from_robot.filter(|_| reading.is_located), truth.at(reading.stamp))
-        else {
-            continue;
-        };
+    for (reading, pose) in followed.located_readings() {
+        let Some(truth) = truth.at(reading.stamp) else { continue };
         compared += 1;
         let off = pose.seen_from(truth);
         let error = off.position().coords.norm();
         if error < RIGHT.0 && off.heading.abs() < RIGHT.1 {
             right.push(error);
-            let seconds = reading.stamp - first.map_or(0.0, |first| first.stamp);
-            first_right_fix.get_or_insert(Fix { seconds, metres });
+            first_right_fix.get_or_insert(reading.way);
         }
     }
     right.sort_by(f64::total_cmp);
@@ -389,7 +386,7 @@ impl Summary<'_> {
             "scans": scans,
             "steps": steps,
             "particles": { "first": particles_first, "most": particles_most, "last": particles_last },
-            "first_fix": self.followed.first_fix,
+            "first_fix": self.followed.first_fix(),
             "located_share": self.located_share(),
             "against_reference": self.errors,
             "time": {
@@ -403,15 +400,15 @@ impl Summary<'_> {
     }
 
     fn table(&self) -> String {
-        let fix = |fix: Option<Fix>| {
-            fix.map_or("never".to_owned(), |Fix { seconds, metres }| format!("after {seconds:.1} s and {metres:.1} m"))
+        let fix = |fix: Option<Way>| {
+            fix.map_or("never".to_owned(), |Way { seconds, metres }| format!("after {seconds:.1} s and {metres:.1} m"))
         };
         let Followed { scans, steps, particles_first, particles_most, particles_last, .. } = self.followed;
         let mut rows = vec![
             ("log", format!("{}: {scans} scans in {:.1} s, {steps} steps", self.info.log, self.log_seconds())),
             (
                 "located",
-                format!("{}, in {:.1} % of the readings", fix(self.followed.first_fix), 100.0 * self.located_share()),
+                format!("{}, in {:.1} % of the readings", fix(self.followed.first_fix()), 100.0 * self.located_share()),
             ),
             (
                 "",
