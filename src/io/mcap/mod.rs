@@ -1,8 +1,9 @@
 //! ROS 2 bags in MCAP files (`.mcap`), with chunks packed by zstd, lz4 or not at all.
 //!
-//! In: a file, or the files of a bag one after the other. Out: its odometry and laser sweeps as [`LogEntry`]s in the order of their stamps, metres, radians and
-//! seconds, stamped with the messages' `header.stamp`. Messages and chunks that cannot be read are left out and counted
-//! in [`LogStats`]. A bag that was cut off is read as far as it goes, and then ends with [`LogError::Read`].
+//! In: a file, or the files of a bag one after the other. Out: its odometry and laser sweeps as [`LogEntry`]s in the order
+//! of their stamps, metres, radians and seconds, stamped with the messages' `header.stamp`. Messages and chunks that cannot
+//! be read are left out and counted in [`LogStats`]. A bag that was cut off is read as far as it goes, and then ends with
+//! [`LogError::Read`].
 //!
 //! | Message | Becomes |
 //! |---|---|
