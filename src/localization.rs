@@ -139,7 +139,7 @@ pub struct Localization {
     log_peak: f64,
     prior: Option<Prior>,
     table: ClusterTable,
-    /// How thick the walls of the table are while particles are weighed \[m\].
+    /// Standard deviation across a wall at least while particles are weighed \[m\].
     sigma: f64,
     /// Every cluster, for the one map that all particles share.
     slots: [Vec<Slot>; 1],
@@ -169,7 +169,7 @@ const MODE: [f64; 2] = [1.0, 0.5];
 impl Localization {
     /// A filter that has seen nothing. Without a prior the robot may be anywhere in the free area.
     pub fn new(map: KnownMap, prior: Option<Prior>, config: Config, evaluator: Option<Box<dyn Evaluator>>) -> Self {
-        let table = table(&map, config.localization.most_sigma, &config.likelihood);
+        let table = table(&map, &config);
         let slots = (0..map.clusters.len() as Slot).collect();
         let mut this = Self {
             config,
@@ -289,6 +289,7 @@ impl Localization {
             step: self.steps,
             motion: [x, y, heading].map(|number| number as f32),
             noise: noise_of(&self.motion.covariance),
+            capture_sigma: self.sigma as f32,
         };
         let scene = Scene { table: &self.table, tiles, maps: &self.slots };
         let mut weighed = self.evaluator.advance(&scene, &how, &self.particles);
@@ -348,6 +349,7 @@ impl Localization {
             noise: noise_of(covariance),
             prior_information: packed(&information),
             iterations: self.config.proposal.iterations.max(1),
+            capture_sigma: self.sigma as f32,
             spread: 0.0,
         };
         let reach = tiles.iter().map(Tile::reach).fold(0.0, f32::max) + how.longest_way();
@@ -444,11 +446,7 @@ impl Localization {
         sort_by_place(&mut particles, |particle| particle.0);
         let LocalizationConfig { least_sigma, most_sigma, .. } = self.config.localization;
         let volume = bins as f64 * BIN.iter().product::<f64>() / particles.len().max(1) as f64;
-        let sigma = (0.5 * (LEVER * volume).cbrt()).clamp(least_sigma, most_sigma);
-        if sigma != self.sigma {
-            self.sigma = sigma;
-            self.table = table(&self.map, sigma, &self.config.likelihood);
-        }
+        self.sigma = (0.5 * (LEVER * volume).cbrt()).clamp(least_sigma, most_sigma);
         let parents;
         (self.particles, parents) = particles.into_iter().unzip();
         parents
@@ -478,13 +476,14 @@ impl Localization {
     }
 }
 
-/// The clusters of a map, with walls this thick \[m\] for particles that are sparse.
-fn table(map: &KnownMap, sigma: f64, likelihood: &LikelihoodConfig) -> ClusterTable {
+/// The clusters of a map, for walls as thick as they ever are.
+fn table(map: &KnownMap, config: &Config) -> ClusterTable {
     let mut pool = Pool::default();
     for &cluster in &map.clusters {
         pool.insert(MapCluster { cluster, last_step: 0, sightings: 1 });
     }
-    let mut table = ClusterTable::new(LikelihoodConfig { capture_sigma: sigma, ..*likelihood });
+    let capture_sigma = config.localization.most_sigma;
+    let mut table = ClusterTable::new(LikelihoodConfig { capture_sigma, ..config.likelihood });
     // Particles may be anywhere, so the anchor is the middle of the map and stays there.
     table.update(&mut pool, middle(&map.clusters));
     table

@@ -296,6 +296,7 @@ impl Slam {
             noise,
             prior_information: [0.0; 6],
             iterations: self.config.proposal.iterations,
+            capture_sigma: self.config.likelihood.capture_sigma as f32,
             spread: self.config.proposal.spread as f32,
         }
     }

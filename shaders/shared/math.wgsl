@@ -1,6 +1,7 @@
 // Logarithm, sine and cosine by polynomials, as in src/math.rs: those of a device may be coarse.
 
 const TAU = 6.28318530717958647692;
+const SQRT_2 = 1.41421356237309504880;
 
 fn sin_cos(angle: f32) -> vec2f {
     let quadrant = round(angle * 0.636619772367581343);

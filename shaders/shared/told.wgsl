@@ -2,7 +2,9 @@
 
 // This lane's half: the first four lanes have those of the first half, in the order of their slots.
 fn half_of(slot: u32, lane: u32) -> vec4f {
-    return clusters[slot][lane / 4u % 2u];
+    let number = lane / 4u % 2u;
+    let half = clusters[slot][number];
+    return select(half, thickened(half), number == 1u);
 }
 
 fn told0(mine: vec4f) -> ClusterParams {

@@ -1,11 +1,12 @@
 //! Plain data of the evaluator, in f32 and in a frame near the robot.
 
 use crate::geometry::Pose;
-use crate::math::sin_cos;
+use crate::math::{ln, sin_cos};
 use crate::ppca::Cluster;
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
+use std::f32::consts::SQRT_2;
 
 /// How likely a measurement is, given a map (eq. 18).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -15,7 +16,8 @@ pub struct LikelihoodConfig {
     pub latent: Latent,
     /// No standard deviation of a cluster is taken to be smaller \[m\]: what the map and the laser get wrong together.
     pub sigma_floor: f64,
-    /// The same for the first steps of a climb \[m\]: how far off a wall is still found.
+    /// No standard deviation across a wall is taken to be smaller in the first steps of a climb \[m\]: how far off a
+    /// wall is still found.
     pub capture_sigma: f64,
     /// Uniform latent: standard deviation of the fall-off beyond a segment's ends \[m\]. Walls go on where they have
     /// not been seen, so an end says little.
@@ -58,11 +60,6 @@ impl LikelihoodConfig {
     pub fn log_outlier(&self) -> f32 {
         self.outlier_density.ln() as f32
     }
-
-    /// The same likelihood, but with walls that reach as far as `capture_sigma` lets them.
-    pub fn capturing(&self) -> Self {
-        Self { sigma_floor: self.capture_sigma.max(self.sigma_floor), ..*self }
-    }
 }
 
 /// A cluster as the kernels see it, in the evaluator's frame: for a point (x, y),
@@ -104,6 +101,13 @@ impl ClusterParams {
             across: offset(cluster.normal(), across),
             log_peak: log_peak as f32,
         }
+    }
+
+    /// The same cluster, its standard deviation across at least this \[m\].
+    pub fn thickened(self, capture_sigma: f32) -> Self {
+        let [x, y, _] = self.across;
+        let thinner = (1.0 / (SQRT_2 * capture_sigma * (x * x + y * y).sqrt())).min(1.0);
+        Self { across: self.across.map(|number| number * thinner), log_peak: self.log_peak + ln(thinner), ..self }
     }
 
     /// ln p at a point.

@@ -89,6 +89,8 @@ pub struct Propagation<'a> {
     pub prior_information: [f32; 6],
     /// At most so many Gauss-Newton steps, and half as many with thick walls before; 0: none, and no look at the map.
     pub iterations: u32,
+    /// Standard deviation across thick walls at least \[m\]; that of the scene's table at most.
+    pub capture_sigma: f32,
     /// Draws spread this many times as wide as the Laplace approximation.
     pub spread: f32,
 }
@@ -144,6 +146,8 @@ pub struct Advance {
     pub motion: [f32; 3],
     /// Lower triangle whose product with standard normal numbers is its noise, in the robot's frame.
     pub noise: symmetric::Cholesky,
+    /// Standard deviation across a wall at least \[m\]; that of the scene's table at most.
+    pub capture_sigma: f32,
 }
 
 /// A pose, and how well the scan fits there.
@@ -204,8 +208,8 @@ pub trait Evaluator: std::fmt::Debug + Send {
     fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError>;
 
     /// Moves every pose by a motion of its own, drawn from `how` (eq. 17), and tells the log-likelihood of the scan from
-    /// there among thick walls, which few particles find sooner than walls as they are. All poses are of the scene's first
-    /// map. Neighbours in `poses` should lie close together: they share candidate lists.
+    /// there among thick walls, which few particles find sooner than walls as they are. All poses are of the scene's
+    /// first map. Neighbours in `poses` should lie close together: they share candidate lists.
     ///
     /// # Errors
     /// As for `propagate`.

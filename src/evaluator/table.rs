@@ -9,6 +9,7 @@ use crate::map::{Pool, Slot};
 use crate::ppca::Cluster;
 use nalgebra::Point2;
 use rayon::prelude::*;
+use std::f32::consts::FRAC_1_SQRT_2;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Everything that a scan may meet.
@@ -16,8 +17,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub struct ClusterTable {
     likelihood: LikelihoodConfig,
     anchor: Point2<f64>,
-    fine: Vec<ClusterParams>,
-    coarse: Vec<ClusterParams>,
+    rows: Vec<ClusterParams>,
     circles: Vec<Circle>,
     revision: Revision,
     changed: Changed,
@@ -46,7 +46,7 @@ pub enum Changed {
     Slots(Vec<Slot>),
 }
 
-/// Where a cluster is, and where it can be likelier than an outlier: nowhere outside this circle.
+/// Where a cluster is, and where it can be likelier than an outlier, as thick as it ever is: nowhere outside this circle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Circle {
     x: f32,
@@ -64,8 +64,7 @@ impl ClusterTable {
         Self {
             likelihood,
             anchor: Point2::origin(),
-            fine: Vec::new(),
-            coarse: Vec::new(),
+            rows: Vec::new(),
             circles: Vec::new(),
             revision: Revision { table: TABLES.fetch_add(1, Ordering::Relaxed), update: 0 },
             changed: Changed::All,
@@ -82,38 +81,39 @@ impl ClusterTable {
         } else {
             inserted
         };
-        let rows = pool.capacity();
-        self.changed = if slots.len() == rows { Changed::All } else { Changed::Slots(slots.clone()) };
-        self.fine.resize(rows, ClusterParams::default());
-        self.coarse.resize(rows, ClusterParams::default());
-        self.circles.resize(rows, Circle::default());
-        let written: Vec<(usize, [ClusterParams; 2], Circle)> = slots
+        let count = pool.capacity();
+        self.changed = if slots.len() == count { Changed::All } else { Changed::Slots(slots.clone()) };
+        self.rows.resize(count, ClusterParams::default());
+        self.circles.resize(count, Circle::default());
+        let written: Vec<(usize, ClusterParams, Circle)> = slots
             .into_par_iter()
             .map(|slot| {
                 let cluster = &pool.get(slot).cluster;
-                let params = [self.likelihood, self.likelihood.capturing()];
-                let params = params.map(|likelihood| ClusterParams::new(cluster, self.anchor, &likelihood));
-                (slot as usize, params, self.circle(cluster, params))
+                let row = ClusterParams::new(cluster, self.anchor, &self.likelihood);
+                (slot as usize, row, self.circle(cluster, row))
             })
             .collect();
-        for (row, [fine, coarse], circle) in written {
-            self.fine[row] = fine;
-            self.coarse[row] = coarse;
-            self.circles[row] = circle;
+        for (slot, row, circle) in written {
+            self.rows[slot] = row;
+            self.circles[slot] = circle;
         }
         self.revision.update += 1;
     }
 
-    fn circle(&self, cluster: &Cluster, params: [ClusterParams; 2]) -> Circle {
+    fn circle(&self, cluster: &Cluster, row: ClusterParams) -> Circle {
         let mean = cluster.mean - self.anchor;
-        let radius = |params: ClusterParams| {
+        let metres = |distance: f32, [x, y, _]: [f32; 3]| distance / x.hypot(y);
+        let radius = |row: ClusterParams| {
             // Where ln p falls to that of an outlier, in units of √2 standard deviations.
-            let reach = (params.log_peak - self.log_outlier()).max(0.0).sqrt();
-            let metres = |distance: f32, [x, y, _]: [f32; 3]| distance / x.hypot(y);
-            metres(params.half_length + reach, params.along).hypot(metres(reach, params.across))
+            let reach = (row.log_peak - self.log_outlier()).max(0.0).sqrt();
+            metres(row.half_length + reach, row.along).hypot(metres(reach, row.across))
         };
+        // The thicker a wall, the further it reaches, until its peak is half a nat above an outlier:
+        // d/dσ of σ² (ln peak - ln outlier) = 0.
+        let furthest = metres(FRAC_1_SQRT_2, row.across) * (row.log_peak - self.log_outlier() - 0.5).exp();
+        let thick = row.thickened(furthest.min(self.likelihood.capture_sigma as f32));
         // Its whole length in any case: who looks for walls to match needs those that explain nothing, too.
-        let radius = params.map(radius).into_iter().fold(0.5 * cluster.length() as f32, f32::max);
+        let radius = radius(row).max(radius(thick)).max(0.5 * cluster.length() as f32);
         // Room for rounding.
         Circle { x: mean.x as f32, y: mean.y as f32, radius: radius * 1.001 + 0.001 }
     }
@@ -128,14 +128,9 @@ impl ClusterTable {
         self.likelihood.log_outlier()
     }
 
-    /// The clusters as they are, by slot.
-    pub fn fine(&self) -> &[ClusterParams] {
-        &self.fine
-    }
-
-    /// The clusters as thick as they are for the first steps of a climb, by slot.
-    pub fn coarse(&self) -> &[ClusterParams] {
-        &self.coarse
+    /// The clusters by slot.
+    pub fn rows(&self) -> &[ClusterParams] {
+        &self.rows
     }
 
     /// Which state this is.
@@ -148,7 +143,8 @@ impl ClusterTable {
         &self.changed
     }
 
-    /// Those of these slots that can explain a point within `reach` \[m\] of a place, in their order.
+    /// Those of these slots that can explain a point within `reach` \[m\] of a place, in their order, even where walls are
+    /// thickened to the `capture_sigma` of the likelihood or less.
     pub fn near(&self, slots: &[Slot], x: f32, y: f32, reach: f32) -> Vec<Slot> {
         let is_near = |slot: &Slot| {
             let circle = &self.circles[*slot as usize];

@@ -57,7 +57,7 @@ impl Workload {
 
     /// Points times particles times clusters: what weighing comes to where nothing is left out.
     pub fn pairs(&self) -> f64 {
-        (self.poses.len() * self.points * self.table.fine().len()) as f64
+        (self.poses.len() * self.points * self.table.rows().len()) as f64
     }
 
     /// The same where only candidates are looked at, of groups of this size.
@@ -74,7 +74,7 @@ impl Workload {
     }
 
     fn local_map(&self) -> LocalMap {
-        let rows = self.maps[0].iter().map(|&slot| self.table.fine()[slot as usize]);
+        let rows = self.maps[0].iter().map(|&slot| self.table.rows()[slot as usize]);
         LocalMap::new(rows, self.table.log_outlier())
     }
 

@@ -46,6 +46,12 @@ pub fn slow(clusters: &[Cluster], pose: Pose, points: &[Point2<f64>], config: &L
     points.iter().map(|&point| slow_point(clusters, pose * point, config)).sum()
 }
 
+/// The same clusters, their standard deviation across at least this.
+pub fn thick(clusters: &[Cluster], sigma: f64) -> Vec<Cluster> {
+    let thick = |c: &Cluster| Cluster { across_variance: c.across_variance.max(sigma * sigma), ..*c };
+    clusters.iter().map(thick).collect()
+}
+
 /// Gauss-Newton steps from `start` up the log of eq. 18 plus that of a normal prior around `prior`, by differences of the
 /// residuals: thick walls for half of the steps, then walls as they are. At most 0.3 m, 0.3 m, 0.15 rad a step.
 pub fn slow_climb(
@@ -56,7 +62,8 @@ pub fn slow_climb(
     config: &LikelihoodConfig,
     iterations: u32,
 ) -> Pose {
-    let captured = slow_steps(clusters, start, prior, points, &config.capturing(), iterations / 2);
+    let thick = thick(clusters, config.capture_sigma);
+    let captured = slow_steps(&thick, start, prior, points, config, iterations / 2);
     slow_steps(clusters, captured, prior, points, config, iterations)
 }
 

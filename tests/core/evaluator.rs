@@ -1,12 +1,14 @@
 //! The evaluator, which computes in f32 near the robot, against eq. 9 and 18 in f64 in the world's frame.
 
-use crate::oracle::{slow, slow_point};
+use crate::oracle::{slow, slow_density, slow_point, thick};
 use crate::{normals, uniforms, wall};
 use ipslam::evaluator::cpu::{Evaluation, View};
 use ipslam::evaluator::cull::{Candidates, LocalMap};
 use ipslam::evaluator::layout::{ClusterParams, Latent, LikelihoodConfig, LocalPose, Tile, tiles};
 use ipslam::evaluator::symmetric::unpacked;
+use ipslam::evaluator::table::ClusterTable;
 use ipslam::geometry::Pose;
+use ipslam::map::{MapCluster, Pool, Slot};
 use ipslam::ppca::Cluster;
 use nalgebra::{Point2, Vector2};
 use std::f64::consts::{PI, TAU};
@@ -85,7 +87,7 @@ fn scene(seed: u64, centre: Point2<f64>) -> Scene {
 fn configs() -> Vec<LikelihoodConfig> {
     let uniform = LikelihoodConfig::default();
     let normal = LikelihoodConfig { latent: Latent::Normal, sigma_floor: 0.01, outlier_density: 1e-8, ..uniform };
-    vec![uniform, uniform.capturing(), normal]
+    vec![uniform, LikelihoodConfig { sigma_floor: 0.15, ..uniform }, normal]
 }
 
 #[test]
@@ -188,6 +190,40 @@ fn vectors_compute_what_the_formula_says() {
             assert!((found - expected).abs() < 5e-3, "seed {seed}: {found}, not {expected}");
         }
     }
+}
+
+/// Against the f64 formula of walls that are as thick; and no wall, thick or not, reaches a place that it is not near.
+#[test]
+fn thick_walls_are_walls_with_more_variance_across() {
+    let mut left_out = 0;
+    for (seed, config) in (0..10).flat_map(|seed| configs().into_iter().map(move |config| (seed, config))) {
+        let Scene { clusters, pose, points } = scene(seed, Point2::origin());
+        let config = LikelihoodConfig { capture_sigma: 0.6, ..config };
+        let mut pool = Pool::default();
+        let entry = |&cluster: &Cluster| MapCluster { cluster, last_step: 0, sightings: 1 };
+        let slots: Vec<Slot> = clusters.iter().map(|cluster| pool.insert(entry(cluster))).collect();
+        let mut table = ClusterTable::new(config);
+        table.update(&mut pool, pose);
+        for sigma in [0.01, 0.1, 0.6] {
+            let walls = thick(&clusters, sigma);
+            for point in points.iter().map(|&point| pose * point) {
+                let [x, y] = (point - table.anchor()).map(|number| number as f32).into();
+                let near = table.near(&slots, x, y, 0.0);
+                left_out += slots.len() - near.len();
+                for &slot in &slots {
+                    let expected = slow_density(&walls[slot as usize], point, &config);
+                    if expected > config.outlier_density.ln() {
+                        assert!(near.contains(&slot), "seed {seed}, {config:?}: {slot} is near {point}");
+                        let found = table.rows()[slot as usize].thickened(sigma as f32).log_density(x, y);
+                        let error = (f64::from(found) - expected).abs();
+                        assert!(error < 5e-3, "seed {seed}, {sigma} m: {found}, not {expected}");
+                    }
+                }
+            }
+        }
+    }
+    println!("{left_out} left out");
+    assert!(left_out > 0, "every wall is near every place: nothing tested");
 }
 
 /// Where a wall lies along an axis its box is tight: a point just likelier than an outlier is still found.

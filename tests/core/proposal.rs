@@ -51,6 +51,7 @@ fn propose(start: Pose, prior: Pose, information: f32, spread: f32, count: usize
         noise: Cholesky([0.0; 6]),
         prior_information: [information, 0.0, 0.0, information, 0.0, information],
         iterations: 20,
+        capture_sigma: 0.15,
         spread,
     };
     let proposals = propagate_all(&Scene { table: &table, tiles, maps: &[map.slots] }, &how);

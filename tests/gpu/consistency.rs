@@ -1,6 +1,6 @@
 //! GPU against CPU, and both against f64.
 
-use crate::oracle::{slow, slow_climb, slow_density};
+use crate::oracle::{slow, slow_climb, slow_density, thick};
 use crate::wall::wall;
 use crate::worlds::{World, all, configs, random};
 use ipslam::config::Config;
@@ -84,6 +84,7 @@ pub fn how<'a>(starts: &'a [Start], particles_a_map: usize, iterations: u32) -> 
         noise: Cholesky([0.1, 0.02, 0.1, 0.01, -0.02, 0.05]),
         prior_information: [400.0, 20.0, 0.0, 400.0, -10.0, 1000.0],
         iterations,
+        capture_sigma: 0.15,
         spread: 2.0,
     }
 }
@@ -165,6 +166,7 @@ fn onward() -> Advance {
         step: 23,
         motion: [0.3, -0.05, 0.2],
         noise: Cholesky([0.03, 0.005, 0.02, 0.002, -0.003, 0.02]),
+        capture_sigma: 0.12,
     }
 }
 
@@ -177,6 +179,7 @@ pub fn compare_advanced(evaluator: &mut dyn Evaluator) -> Found {
         let cpu = CpuEvaluator.advance(&world.scene(), &how, &poses).unwrap();
         assert_eq!((gpu.len(), cpu.len()), (poses.len(), poses.len()));
         let points = world.points.len().max(1) as f64;
+        let walls = thick(&world.clusters, how.capture_sigma.into());
         let drawn = Propagation { seed: how.seed, step: how.step, noise: how.noise, ..self::how(&[], 0, 0) };
         for (particle, (gpu, cpu)) in (0..).zip(gpu.iter().zip(&cpu)) {
             let mean = poses[particle as usize].in_world(world.table.anchor());
@@ -192,7 +195,7 @@ pub fn compare_advanced(evaluator: &mut dyn Evaluator) -> Found {
                 let far = f64::from(weighed.pose.x.abs().max(weighed.pose.y.abs()));
                 let rounding = 2.0 * far * f64::from(f32::EPSILON);
                 found.compare(0, apart(pose, slow_pose), POSE + rounding, what(pair));
-                let slow = slow(&world.clusters, pose, &world.points, &world.config.capturing());
+                let slow = slow(&walls, pose, &world.points, &world.config);
                 let off = (f64::from(weighed.log_likelihood) - slow).abs() / points;
                 found.compare(1, off, WEIGH, what(pair));
             }
@@ -330,7 +333,7 @@ pub fn compare_lists(evaluator: &mut GpuEvaluator) -> Found {
         let poses: Vec<LocalPose> = world.local_poses().into_iter().take(64).collect();
         let lists = evaluator.candidate_lists(&world.scene(), &poses).unwrap();
         assert_eq!(lists.len(), world.tiles.len());
-        let map = LocalMap::new(world.table.fine().iter().copied(), world.table.log_outlier());
+        let map = LocalMap::new(world.table.rows().iter().copied(), world.table.log_outlier());
         let mut candidates = Candidates::default();
         candidates.cover(&map, &world.tiles, &poses, [0.0; 2]);
         for (tile, list) in lists.iter().enumerate() {

@@ -21,7 +21,7 @@ struct Wrong {
     seen_by: fn(&mut GpuEvaluator) -> Found,
 }
 
-const WRONG: [Wrong; 13] = [
+const WRONG: [Wrong; 15] = [
     Wrong {
         kernel: Kernel::Propagate,
         what: "another multiplier of the random numbers",
@@ -41,6 +41,20 @@ const WRONG: [Wrong; 13] = [
         what: "a motion that starts from nowhere",
         from: "mean = moved(poses[particle].xyz, group.mean)",
         to: "mean = moved(vec3f(), group.mean)",
+        seen_by: |gpu| compare_advanced(gpu),
+    },
+    Wrong {
+        kernel: Kernel::Weigh,
+        what: "thick walls as likely in their middle as thin ones",
+        from: "across.w + ln(thinner)",
+        to: "across.w",
+        seen_by: |gpu| compare_advanced(gpu),
+    },
+    Wrong {
+        kernel: Kernel::Cull,
+        what: "lists of walls as they are where they are thick",
+        from: "if !is_thick {",
+        to: "if true {",
         seen_by: |gpu| compare_advanced(gpu),
     },
     Wrong {

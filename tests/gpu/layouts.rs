@@ -48,7 +48,20 @@ pub fn structs_lie_alike_on_both_sides() {
         fields!(Group, first, count, first_slot, slot_count, mean, exact_first, prior, number),
         fields!(ParticleMode, information, log_posterior, state, drawn),
         fields!(GroupBounds, middle, half),
-        fields!(Job, seed, step, draw, noise, prior_information, slack, spread, tile_count, log_outlier, from_own_pose),
+        fields!(
+            Job,
+            seed,
+            step,
+            draw,
+            noise,
+            prior_information,
+            slack,
+            spread,
+            tile_count,
+            log_outlier,
+            from_own_pose,
+            capture_sigma
+        ),
         fields!(Phase, restart, may_step),
     ];
     for (kernel, together) in sources() {

@@ -2,7 +2,7 @@
 
 use super::cull::{Candidates, LocalMap};
 use super::grouping::{ParticleGroup, by_place, in_order};
-use super::layout::{ClusterParams, LocalPose};
+use super::layout::LocalPose;
 use super::symmetric::Cholesky;
 use super::{Advance, Evaluator, EvaluatorError, Mode, Prior, Propagation, Proposal, Scene, Weighed};
 use crate::map::Slot;
@@ -53,11 +53,10 @@ pub fn propagate_all(scene: &Scene<'_>, how: &Propagation<'_>) -> Vec<Proposal> 
         }
         let prior = Prior { pose: how.starts[map].prior, information: how.prior_information };
         let slots = &scene.maps[map];
-        let coarse = local_map(scene, slots, scene.table.coarse());
+        let thick = thick_map(scene, slots, how.capture_sigma);
         let captured: Vec<LocalPose> =
-            refine(&coarse, &sampled, &prior, scene.tiles, how.iterations / 2).iter().map(|mode| mode.pose).collect();
-        let fine = local_map(scene, slots, scene.table.fine());
-        let modes = refine(&fine, &captured, &prior, scene.tiles, how.iterations);
+            refine(&thick, &sampled, &prior, scene.tiles, how.iterations / 2).iter().map(|mode| mode.pose).collect();
+        let modes = refine(&local_map(scene, slots), &captured, &prior, scene.tiles, how.iterations);
         particles.iter().zip(modes).map(|(&particle, mode)| draw(particle, mode, how)).collect()
     };
     in_order(how.starts.len(), how.particles_a_map, CLIMBERS).into_par_iter().flat_map_iter(propose).collect()
@@ -66,7 +65,7 @@ pub fn propagate_all(scene: &Scene<'_>, how: &Propagation<'_>) -> Vec<Proposal> 
 /// As [`Evaluator::weigh`].
 pub fn weigh_all(scene: &Scene<'_>, poses: &[LocalPose]) -> Vec<f32> {
     // Once a map: with many particles there are many groups of each.
-    let maps: Vec<LocalMap> = scene.maps.par_iter().map(|slots| local_map(scene, slots, scene.table.fine())).collect();
+    let maps: Vec<LocalMap> = scene.maps.par_iter().map(|slots| local_map(scene, slots)).collect();
     let weigh = |group: &ParticleGroup| {
         let poses: Vec<LocalPose> = group.particles.iter().map(|&particle| poses[particle as usize]).collect();
         weigh(&maps[group.map], scene, &poses)
@@ -84,7 +83,7 @@ pub fn weigh_all(scene: &Scene<'_>, poses: &[LocalPose]) -> Vec<f32> {
 
 /// As [`Evaluator::advance`].
 pub fn advance_all(scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Vec<Weighed> {
-    let map = local_map(scene, scene.maps.first().map_or(&[], Vec::as_slice), scene.table.coarse());
+    let map = thick_map(scene, scene.maps.first().map_or(&[], Vec::as_slice), how.capture_sigma);
     let advance = |(group, poses): (usize, &[LocalPose])| {
         let moved = |(particle, pose): (u32, &LocalPose)| {
             let [x, y, heading, _] = normals(how.seed, how.step, particle, Draw::Motion);
@@ -98,8 +97,13 @@ pub fn advance_all(scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Vec
     poses.par_chunks(WEIGHED).enumerate().flat_map_iter(advance).collect()
 }
 
-fn local_map(scene: &Scene<'_>, slots: &[Slot], rows: &[ClusterParams]) -> LocalMap {
-    LocalMap::new(slots.iter().map(|&slot| rows[slot as usize]), scene.table.log_outlier())
+fn local_map(scene: &Scene<'_>, slots: &[Slot]) -> LocalMap {
+    LocalMap::new(slots.iter().map(|&slot| scene.table.rows()[slot as usize]), scene.table.log_outlier())
+}
+
+fn thick_map(scene: &Scene<'_>, slots: &[Slot], capture_sigma: f32) -> LocalMap {
+    let rows = slots.iter().map(|&slot| scene.table.rows()[slot as usize].thickened(capture_sigma));
+    LocalMap::new(rows, scene.table.log_outlier())
 }
 
 /// A pose from the motion (eq. 17).

@@ -12,8 +12,7 @@ pub struct Buffers {
     pub job: Grown,
     pub phase: Grown,
     pub tiles: Grown,
-    pub fine: Grown,
-    pub coarse: Grown,
+    pub clusters: Grown,
     pub slots: Grown,
     pub groups: Grown,
     pub poses: Grown,
@@ -23,8 +22,7 @@ pub struct Buffers {
     pub read_poses: Grown,
     pub read_more: Grown,
     layout: wgpu::BindGroupLayout,
-    /// With the clusters as they are, and with the thick ones.
-    bindings: [wgpu::BindGroup; 2],
+    bindings: wgpu::BindGroup,
 }
 
 /// One buffer.
@@ -74,8 +72,12 @@ impl Grown {
 
     /// Uploads these to where the `first` of their kind lies.
     pub fn write<T: Pod>(&self, opened: &Opened, first: usize, items: &[T]) {
+        self.write_at(opened, (first * size_of::<T>()) as u64, items);
+    }
+
+    fn write_at<T: Pod>(&self, opened: &Opened, offset: u64, items: &[T]) {
         if !items.is_empty() {
-            opened.queue.write_buffer(&self.buffer, (first * size_of::<T>()) as u64, bytemuck::cast_slice(items));
+            opened.queue.write_buffer(&self.buffer, offset, bytemuck::cast_slice(items));
         }
     }
 
@@ -130,36 +132,32 @@ impl<T: Pod> Copied<T> {
 }
 
 impl Buffers {
-    pub fn new(opened: &Opened, phases: &[Phase]) -> Self {
+    pub fn new(opened: &Opened) -> Self {
         use wgpu::BufferUsages as Usage;
         let make = |what, usage| Grown::new(opened, what, usage, LEAST);
         let layout = layout(opened);
-        let phase = Grown::new(opened, "the phases", Usage::UNIFORM, u64::from(phase_offset(opened, phases.len())));
-        for (number, phases) in phases.chunks(1).enumerate() {
-            phase.write(opened, phase_offset(opened, number) as usize / size_of::<Phase>(), phases);
+        let phase = Grown::new(opened, "the phases", Usage::UNIFORM, u64::from(Phase::COUNT * phase_stride(opened)));
+        for each in Phase::all() {
+            phase.write_at(opened, u64::from(phase_offset(opened, each)), &[each]);
         }
         let job = make("the step", Usage::UNIFORM);
         let tiles = make("the points of the scan", Usage::STORAGE);
-        let fine = make("the clusters", Usage::STORAGE);
-        let coarse = make("the thick clusters", Usage::STORAGE);
+        let clusters = make("the clusters", Usage::STORAGE);
         let slots = make("the maps", Usage::STORAGE);
         let groups = make("the groups of particles", Usage::STORAGE);
         let poses = make("the poses", Usage::STORAGE | Usage::COPY_SRC);
         let modes = make("the modes", Usage::STORAGE | Usage::COPY_SRC);
         let candidates = make("the candidate lists", Usage::STORAGE | Usage::COPY_SRC);
         let bounds = make("the bounds of the groups", Usage::STORAGE);
-        let bindings = [&fine, &coarse].map(|clusters| {
-            let storage = [&tiles, clusters, &slots, &groups, &poses, &modes, &candidates, &bounds];
-            bind(opened, &layout, &job, &phase, storage)
-        });
+        let storage = [&tiles, &clusters, &slots, &groups, &poses, &modes, &candidates, &bounds];
+        let bindings = bind(opened, &layout, &job, &phase, storage);
         let (read_poses, read_more) =
             (make("the poses to read", Usage::MAP_READ), make("what else is read", Usage::MAP_READ));
         Self {
             job,
             phase,
             tiles,
-            fine,
-            coarse,
+            clusters,
             slots,
             groups,
             poses,
@@ -178,26 +176,25 @@ impl Buffers {
         &self.layout
     }
 
-    /// The buffers as they are now, with the clusters as they are and with the thick ones.
-    pub fn bindings(&mut self, opened: &Opened) -> [&wgpu::BindGroup; 2] {
-        let Self { tiles, fine, coarse, slots, groups, poses, modes, candidates, bounds, .. } = self;
-        let mut storage = [tiles, fine, coarse, slots, groups, poses, modes, candidates, bounds];
+    /// The buffers as they are now.
+    pub fn bindings(&mut self, opened: &Opened) -> &wgpu::BindGroup {
+        let Self { tiles, clusters, slots, groups, poses, modes, candidates, bounds, .. } = self;
+        let mut storage = [tiles, clusters, slots, groups, poses, modes, candidates, bounds];
         if storage.iter().any(|buffer| buffer.is_new) {
             storage.iter_mut().for_each(|buffer| buffer.is_new = false);
-            let [tiles, fine, coarse, rest @ ..] = storage.map(|buffer| &*buffer);
-            let [slots, groups, poses, modes, candidates, bounds] = rest;
-            self.bindings = [fine, coarse].map(|clusters| {
-                let storage = [tiles, clusters, slots, groups, poses, modes, candidates, bounds];
-                bind(opened, &self.layout, &self.job, &self.phase, storage)
-            });
+            self.bindings = bind(opened, &self.layout, &self.job, &self.phase, storage.map(|buffer| &*buffer));
         }
-        self.bindings.each_ref()
+        &self.bindings
     }
 }
 
 /// Where a phase lies in its buffer.
-pub fn phase_offset(opened: &Opened, number: usize) -> u32 {
-    number as u32 * opened.limits.min_uniform_buffer_offset_alignment
+pub fn phase_offset(opened: &Opened, phase: Phase) -> u32 {
+    phase.number() * phase_stride(opened)
+}
+
+fn phase_stride(opened: &Opened) -> u32 {
+    opened.limits.min_uniform_buffer_offset_alignment
 }
 
 /// Two uniforms, the second at an offset of its own for each dispatch, then what the kernels read alone, then what they

@@ -78,8 +78,8 @@ pub struct Job {
     pub log_outlier: f32,
     /// 1: particles start from where they are, and the mean of their group is a motion.
     pub from_own_pose: u32,
-    /// WGSL rounds the size up to the alignment.
-    pub end_padding: u32,
+    /// Standard deviation across thick walls at least.
+    pub capture_sigma: f32,
 }
 
 impl Job {
@@ -96,6 +96,7 @@ impl Job {
             draw: Draw::Motion as u32,
             noise: padded(how.noise.0),
             from_own_pose: 1,
+            capture_sigma: how.capture_sigma,
             ..Self::look(tile_count, log_outlier)
         }
     }
@@ -110,6 +111,7 @@ impl Job {
             prior_information: padded(how.prior_information),
             slack: [slack[0], slack[0], slack[1]],
             spread: how.spread,
+            capture_sigma: how.capture_sigma,
             ..Self::look(tile_count, log_outlier)
         }
     }
@@ -127,6 +129,21 @@ pub struct Phase {
     pub restart: u32,
     /// 1: a step may follow the look.
     pub may_step: u32,
+}
+
+impl Phase {
+    /// As many as there are.
+    pub const COUNT: u32 = 4;
+
+    /// Those that `number` tells apart, in the order of their numbers.
+    pub fn all() -> impl Iterator<Item = Self> {
+        (0..Self::COUNT).map(|number| Self { restart: number & 1, may_step: number >> 1 })
+    }
+
+    /// One number for each.
+    pub fn number(self) -> u32 {
+        self.restart | self.may_step << 1
+    }
 }
 
 /// Clusters in a candidate list; where more reach a tile, all clusters of the map are looked through.

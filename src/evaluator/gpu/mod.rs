@@ -26,8 +26,8 @@ pub mod shaders;
 #[derive(Debug)]
 pub struct GpuEvaluator {
     opened: Opened,
-    /// In the order of [`Kernel::ALL`].
-    pipelines: [wgpu::ComputePipeline; 5],
+    /// In the order of [`Kernel::ALL`]; for each one that sees walls as they are, and one that sees thick ones.
+    pipelines: [[wgpu::ComputePipeline; 2]; 5],
     buffers: Buffers,
     /// Revision of the table that the device has.
     revision: Option<Revision>,
@@ -37,35 +37,15 @@ pub struct GpuEvaluator {
 #[derive(Clone, Copy)]
 struct Dispatch {
     kernel: Kernel,
-    clusters: Clusters,
-    phase: PhaseOfClimb,
+    phase: Phase,
+    is_thick: bool,
 }
 
-/// Which clusters a kernel sees.
-#[derive(Clone, Copy)]
-enum Clusters {
-    Fine,
-    Coarse,
-}
-
-/// Which look of a climb a kernel takes.
-#[derive(Clone, Copy)]
-enum PhaseOfClimb {
-    First,
-    Middle,
-    Last,
-    /// The first and last: nothing climbs.
-    Only,
-}
-
-impl PhaseOfClimb {
-    /// As the kernels see them, in the order of declaration.
-    const ALL: [Phase; 4] = [
-        Phase { restart: 1, may_step: 1 },
-        Phase { restart: 0, may_step: 1 },
-        Phase { restart: 0, may_step: 0 },
-        Phase { restart: 1, may_step: 0 },
-    ];
+impl Dispatch {
+    /// A kernel that runs by itself: nothing climbs.
+    fn once(kernel: Kernel, is_thick: bool) -> Self {
+        Self { kernel, phase: Phase { restart: 1, may_step: 0 }, is_thick }
+    }
 }
 
 /// Where the particles of a submission come from.
@@ -98,7 +78,7 @@ impl GpuEvaluator {
     ) -> Result<Self, EvaluatorError> {
         let opened = adapter.open()?;
         let device = &opened.device;
-        let buffers = Buffers::new(&opened, &PhaseOfClimb::ALL);
+        let buffers = Buffers::new(&opened);
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: None,
             bind_group_layouts: &[Some(buffers.layout())],
@@ -108,17 +88,19 @@ impl GpuEvaluator {
             let label = Some(kernel.name());
             let source = wgpu::ShaderSource::Wgsl(source(kernel, opened.together).into());
             let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label, source });
-            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label,
-                layout: Some(&layout),
-                module: &module,
-                entry_point: label,
-                compilation_options: wgpu::PipelineCompilationOptions {
-                    // Every lane writes its own place before others read it.
-                    zero_initialize_workgroup_memory: false,
-                    ..Default::default()
-                },
-                cache: None,
+            [0.0, 1.0].map(|is_thick| {
+                device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                    label,
+                    layout: Some(&layout),
+                    module: &module,
+                    entry_point: label,
+                    compilation_options: wgpu::PipelineCompilationOptions {
+                        constants: &[("is_thick", is_thick)],
+                        // Every lane writes its own place before others read it.
+                        zero_initialize_workgroup_memory: false,
+                    },
+                    cache: None,
+                })
             })
         });
         opened.check()?;
@@ -148,7 +130,7 @@ impl GpuEvaluator {
         self.upload_table(scene.table)?;
         let job = Job::look(scene.tiles.len(), scene.table.log_outlier());
         let groups = [ParticleGroup { map: 0, particles: (0..poses.len() as u32).collect() }];
-        let dispatch = Dispatch { kernel: Kernel::Cull, clusters: Clusters::Fine, phase: PhaseOfClimb::Only };
+        let dispatch = Dispatch::once(Kernel::Cull, false);
         self.submit(scene, &job, Particles::At(poses), &groups, &[dispatch])?;
         let mut encoder = self.opened.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let Buffers { read_more, candidates, .. } = &mut self.buffers;
@@ -163,21 +145,17 @@ impl GpuEvaluator {
     /// Uploads what has changed in the table since the device saw it.
     fn upload_table(&mut self, table: &ClusterTable) -> Result<(), EvaluatorError> {
         let Self { opened, buffers, revision, .. } = self;
-        let rows = size_of_val(table.fine()) as u64;
-        let has_grown = buffers.fine.hold(opened, rows)? | buffers.coarse.hold(opened, rows)?;
+        let clusters = &mut buffers.clusters;
+        let has_grown = clusters.hold(opened, size_of_val(table.rows()) as u64)?;
         let is_next = revision.is_some_and(|revision| table.revision().follows(revision));
         match table.changed() {
             _ if *revision == Some(table.revision()) && !has_grown => {}
             Changed::Slots(slots) if is_next && !has_grown => {
                 for (first, end) in runs(slots) {
-                    buffers.fine.write(opened, first, &table.fine()[first..end]);
-                    buffers.coarse.write(opened, first, &table.coarse()[first..end]);
+                    clusters.write(opened, first, &table.rows()[first..end]);
                 }
             }
-            _ => {
-                buffers.fine.write(opened, 0, table.fine());
-                buffers.coarse.write(opened, 0, table.coarse());
-            }
+            _ => clusters.write(opened, 0, table.rows()),
         }
         *revision = Some(table.revision());
         Ok(())
@@ -222,15 +200,11 @@ impl GpuEvaluator {
         }
 
         let mut encoder = opened.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let [fine, coarse] = buffers.bindings(opened);
+        let bindings = buffers.bindings(opened);
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         for dispatch in dispatches {
-            pass.set_pipeline(&pipelines[dispatch.kernel as usize]);
-            let clusters = match dispatch.clusters {
-                Clusters::Fine => fine,
-                Clusters::Coarse => coarse,
-            };
-            pass.set_bind_group(0, clusters, &[buffers::phase_offset(opened, dispatch.phase as usize)]);
+            pass.set_pipeline(&pipelines[dispatch.kernel as usize][usize::from(dispatch.is_thick)]);
+            pass.set_bind_group(0, bindings, &[buffers::phase_offset(opened, dispatch.phase)]);
             pass.dispatch_workgroups(groups.len() as u32, 1, 1);
         }
         drop(pass);
@@ -248,12 +222,11 @@ impl Evaluator for GpuEvaluator {
     fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError> {
         self.upload_table(scene.table)?;
         let job = Job::propagation(how, SLACK, scene.tiles.len(), scene.table.log_outlier());
-        let once = |kernel| Dispatch { kernel, clusters: Clusters::Fine, phase: PhaseOfClimb::Only };
-        let mut dispatches = vec![once(Kernel::Propagate)];
+        let mut dispatches = vec![Dispatch::once(Kernel::Propagate, false)];
         if how.iterations > 0 {
-            dispatches.extend(climb(Clusters::Coarse, how.iterations / 2));
-            dispatches.extend(climb(Clusters::Fine, how.iterations));
-            dispatches.push(once(Kernel::Draw));
+            dispatches.extend(climb(true, how.iterations / 2));
+            dispatches.extend(climb(false, how.iterations));
+            dispatches.push(Dispatch::once(Kernel::Draw, false));
         }
         let groups = in_order(how.starts.len(), how.particles_a_map, GROUP);
         let mut proposals = Vec::with_capacity(how.starts.len() * how.particles_a_map);
@@ -271,11 +244,7 @@ impl Evaluator for GpuEvaluator {
     fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
         self.upload_table(scene.table)?;
         let job = Job::look(scene.tiles.len(), scene.table.log_outlier());
-        let dispatches = [Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch {
-            kernel,
-            clusters: Clusters::Fine,
-            phase: PhaseOfClimb::Only,
-        });
+        let dispatches = [Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch::once(kernel, false));
         let groups = by_place(scene.maps.len(), poses, GROUP);
         let mut log_likelihoods = vec![0.0; poses.len()];
         for groups in groups.chunks(self.groups_at_once(scene)) {
@@ -295,11 +264,7 @@ impl Evaluator for GpuEvaluator {
     ) -> Result<Vec<Weighed>, EvaluatorError> {
         self.upload_table(scene.table)?;
         let job = Job::advance(how, scene.tiles.len(), scene.table.log_outlier());
-        let dispatches = [Kernel::Propagate, Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch {
-            kernel,
-            clusters: Clusters::Coarse,
-            phase: PhaseOfClimb::Only,
-        });
+        let dispatches = [Kernel::Propagate, Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch::once(kernel, true));
         let groups = in_order(1, poses.len(), GROUP);
         let mut all = Vec::with_capacity(poses.len());
         for groups in groups.chunks(self.groups_at_once(scene)) {
@@ -316,15 +281,10 @@ impl Evaluator for GpuEvaluator {
 }
 
 /// The kernels of a climb of at most so many steps: a look before each and one after the last.
-fn climb(clusters: Clusters, iterations: u32) -> impl Iterator<Item = Dispatch> {
+fn climb(is_thick: bool, iterations: u32) -> impl Iterator<Item = Dispatch> {
     (0..=iterations).flat_map(move |look| {
-        let phase = match (look == 0, look == iterations) {
-            (true, true) => PhaseOfClimb::Only,
-            (true, false) => PhaseOfClimb::First,
-            (false, false) => PhaseOfClimb::Middle,
-            (false, true) => PhaseOfClimb::Last,
-        };
-        [Kernel::Cull, Kernel::Refine].map(|kernel| Dispatch { kernel, clusters, phase })
+        let [restart, may_step] = [look == 0, look < iterations].map(u32::from);
+        [Kernel::Cull, Kernel::Refine].map(|kernel| Dispatch { kernel, phase: Phase { restart, may_step }, is_thick })
     })
 }
 
