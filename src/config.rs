@@ -375,6 +375,11 @@ mod tests {
             ("[matching]\nmax_angle = -0.5", "matching.max_angle is -0.5, but has to be 0 or more"),
             ("[motion]\nheading_floor = inf", "motion.heading_floor is inf"),
             ("[filter]\nresample_below = 1.5", "filter.resample_below is 1.5, but has to be 0 to 1"),
+            (
+                "[localization]\nleast_sigma = 0.6",
+                "localization.least_sigma is 0.6, but has to be at most localization.most",
+            ),
+            ("[localization]\nmax_particles = 9", "localization.min_particles is 1000, but has to be at most"),
             ("[scan]\nmin_range = 5\nmax_range = 5", "scan.max_range is 5, but has to be above scan.min_range, 5"),
         ] {
             let message = Config::default().with_toml(text).unwrap().validate().unwrap_err().to_string();

@@ -18,7 +18,7 @@ use crate::evaluator::grouping::sort_by_place;
 use crate::evaluator::layout::{ClusterParams, LikelihoodConfig, LocalPose, Tile, tiles};
 use crate::evaluator::symmetric::{noise_of, packed};
 use crate::evaluator::table::ClusterTable;
-use crate::evaluator::{self, Advance, Evaluator, EvaluatorError, Propagation, Scene, Start, Weighed};
+use crate::evaluator::{Advance, Evaluator, EvaluatorError, Mode, Propagation, Scene, Start, Weighed, highest};
 use crate::filter::{effective_sample_size, normalised, resample};
 use crate::geometry::Pose;
 use crate::grid::FreeArea;
@@ -27,13 +27,12 @@ use crate::map::{MapCluster, Pool, Slot};
 use crate::motion::Motion;
 use crate::ppca::Cluster;
 use crate::random::{Draw, bits, normals};
-use crate::record::{Confidence, ReportedParticle, StageTimes, StepReport};
+use crate::record::{Confidence, ReportedParticle, StageTimes, StepReport, timed};
 use crate::scan::Scan;
 use nalgebra::{Matrix3, Point2, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::{HashMap, HashSet};
 use std::f64::consts::{PI, TAU};
-use web_time::Instant;
 
 /// How a robot is found in a known map.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,7 +49,8 @@ pub struct LocalizationConfig {
     /// Log-likelihoods are multiplied by this, in place of [`LikelihoodConfig::temper`]: places that look alike are told
     /// apart by what comes after them, so both have to be kept till then.
     pub temper: f64,
-    /// Least standard deviation of a wall while particles are weighed \[m\] ...
+    /// In place of [`LikelihoodConfig::capture_sigma`]: least standard deviation across a wall while particles are
+    /// weighed \[m\] ...
     pub least_sigma: f64,
     /// ... and greatest. In between it is half the distance of neighbouring particles: fewer do not come closer to the true
     /// pose, and one that came close to a wrong one by chance would win.
@@ -121,10 +121,10 @@ struct Drawn {
     bins: usize,
 }
 
-/// Where much of the weight is, in the evaluator's frame.
-struct Mode {
+/// Particles around a place with much of the weight, in the evaluator's frame.
+struct Cloud {
     mean: Pose,
-    /// Of (forward, sideways, heading) in the frame of the mean.
+    /// Of (forward, sideways, heading) in the frame of the mean, or of one close by.
     covariance: Matrix3<f64>,
     /// Share of all weight.
     weight: f64,
@@ -139,8 +139,8 @@ pub struct Localization {
     log_peak: f64,
     prior: Option<Prior>,
     table: ClusterTable,
-    /// Standard deviation across a wall at least while particles are weighed \[m\].
-    sigma: f64,
+    /// Standard deviation across a wall at least while particles are weighed, and in the first steps of a climb \[m\].
+    capture_sigma: f64,
     /// Every cluster, for the one map that all particles share.
     slots: [Vec<Slot>; 1],
     evaluator: Failover,
@@ -151,6 +151,8 @@ pub struct Localization {
     /// Steps at which the pose could be relied on, less four for each at which it could not; up to twice as many as are
     /// wanted.
     good_steps: u32,
+    /// Of the looks between steps, since the last one.
+    times: StageTimes,
     steps: u32,
     /// Laser readings so far.
     readings: u32,
@@ -163,11 +165,12 @@ pub struct Localization {
 const BIN: [f64; 3] = [0.5, 0.5, PI / 18.0];
 /// A wall so far off \[m\] moves by as much when the robot turns as when it steps.
 const LEVER: f64 = 5.0;
-/// A mode is what lies this close around its mean \[m, rad\].
-const MODE: [f64; 2] = [1.0, 0.5];
+/// A cloud is what lies this close around its mean \[m, rad\].
+const CLOUD: [f64; 2] = [1.0, 0.5];
 
 impl Localization {
-    /// A filter that has seen nothing. Without a prior the robot may be anywhere in the free area.
+    /// A filter that has seen nothing, with a valid configuration ([`Config::validate`]). Without a prior the robot may be
+    /// anywhere in the free area.
     pub fn new(map: KnownMap, prior: Option<Prior>, config: Config, evaluator: Option<Box<dyn Evaluator>>) -> Self {
         let table = table(&map, &config);
         let slots = (0..map.clusters.len() as Slot).collect();
@@ -177,13 +180,14 @@ impl Localization {
             map,
             prior,
             table,
-            sigma: config.localization.most_sigma,
+            capture_sigma: config.localization.most_sigma,
             slots: [slots],
             evaluator: Failover::new(evaluator),
             particles: Vec::new(),
             estimate: None,
             memory: [config.localization.located_explained; 2],
             good_steps: 0,
+            times: StageTimes::default(),
             steps: 0,
             readings: 0,
             motion: Motion::none(),
@@ -217,7 +221,13 @@ impl Localization {
                 self.readings += 1;
                 let scan = Scan::from_reading(reading, self.config.scan.min_range, self.config.scan.max_range);
                 let tiles = tiles(&scan.points, self.config.likelihood.max_points);
-                self.track(&tiles);
+                // A scan without points says nothing of where the robot is.
+                if tiles.is_empty() {
+                    return;
+                }
+                let mut track_seconds = 0.0;
+                timed(&mut track_seconds, || self.track(&tiles));
+                self.times.track += track_seconds;
                 if self.steps == 0 || !self.config.filter.is_too_near(self.motion.mean) {
                     self.step(&scan, &tiles, reading.odom_from_robot, on_step);
                 }
@@ -234,26 +244,18 @@ impl Localization {
 
     /// Moves, weighs and draws anew.
     fn step(&mut self, scan: &Scan, tiles: &[Tile], odom_from_robot: Pose, on_step: &mut dyn FnMut(&StepReport<'_>)) {
-        let mut times = StageTimes::default();
-        let began = Instant::now();
-        let weighed = self.advance(tiles);
-        times.weigh = began.elapsed().as_secs_f64();
-
-        let began = Instant::now();
+        let mut times = std::mem::take(&mut self.times);
+        let weighed = timed(&mut times.weigh, || self.advance(tiles));
         let temper = self.config.localization.temper;
         let log_weights: Vec<f64> = weighed.iter().map(|w| temper * f64::from(w.log_likelihood)).collect();
         let weights = normalised(&log_weights);
-        let mode = self.mode(&weighed, &weights);
-        times.resample = began.elapsed().as_secs_f64();
-        let began = Instant::now();
-        let estimate = self.locate(&mode, tiles);
-        times.propagate = began.elapsed().as_secs_f64();
-
-        let began = Instant::now();
+        let cloud = timed(&mut times.resample, || self.heaviest(&weighed, &weights));
+        let estimate = timed(&mut times.propagate, || self.locate(&cloud, tiles));
         let anywhere = self.remember(estimate.confidence.explained);
-        let drawn = self.resample(&weighed, &weights, anywhere);
-        let parents = self.take(drawn);
-        times.resample += began.elapsed().as_secs_f64();
+        let parents = timed(&mut times.resample, || {
+            let drawn = self.resample(&weighed, &weights, anywhere);
+            self.take(drawn)
+        });
 
         let anchor = self.table.anchor();
         let report = |(weighed, &weight): (&Weighed, &f64)| ReportedParticle {
@@ -289,7 +291,7 @@ impl Localization {
             step: self.steps,
             motion: [x, y, heading].map(|number| number as f32),
             noise: noise_of(&self.motion.covariance),
-            capture_sigma: self.sigma as f32,
+            capture_sigma: self.capture_sigma as f32,
         };
         let scene = Scene { table: &self.table, tiles, maps: &self.slots };
         let mut weighed = self.evaluator.advance(&scene, &how, &self.particles);
@@ -298,7 +300,7 @@ impl Localization {
     }
 
     /// Where most of the weight is.
-    fn mode(&self, weighed: &[Weighed], weights: &[f64]) -> Mode {
+    fn heaviest(&self, weighed: &[Weighed], weights: &[f64]) -> Cloud {
         let least = 1e-6 / weights.len() as f64;
         let heavy = || weighed.iter().zip(weights).filter(|(_, weight)| **weight > least);
         let mut bins: HashMap<[i32; 3], f64> = HashMap::new();
@@ -309,13 +311,13 @@ impl Localization {
         let heaviest = bins.into_iter().max_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
         let middle = heaviest.map_or([0.0; 3], |(bin, _)| std::array::from_fn(|i| (f64::from(bin[i]) + 0.5) * BIN[i]));
         let mut mean = Pose::new(middle[0], middle[1], middle[2]);
-        let mut mode = Mode { mean, covariance: Matrix3::zeros(), weight: 0.0 };
-        // The bin may have cut the mode in two: its mean moves to where it is.
+        let mut cloud = Cloud { mean, covariance: Matrix3::zeros(), weight: 0.0 };
+        // The bin may have cut the cloud in two: its mean moves to where it is.
         for _ in 0..3 {
             let (mut weight, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
             for (Weighed { pose, .. }, w) in heavy() {
                 let off = pose.in_world(Point2::origin()).seen_from(mean);
-                if off.x.hypot(off.y) < MODE[0] && off.heading.abs() < MODE[1] {
+                if off.x.hypot(off.y) < CLOUD[0] && off.heading.abs() < CLOUD[1] {
                     let off = Vector3::new(off.x, off.y, off.heading);
                     weight += w;
                     first += off * *w;
@@ -328,14 +330,14 @@ impl Localization {
             let off = first / weight;
             let covariance = second / weight - off * off.transpose();
             mean = mean * Pose::new(off.x, off.y, off.z);
-            mode = Mode { mean, covariance, weight };
+            cloud = Cloud { mean, covariance, weight };
         }
-        mode
+        cloud
     }
 
     /// The top of the posterior of the scan around a pose of the evaluator's frame; the covariance is of (forward,
     /// sideways, heading) in its own.
-    fn climb(&mut self, mean: Pose, covariance: &Matrix3<f64>, tiles: &[Tile]) -> evaluator::Mode {
+    fn climb(&mut self, mean: Pose, covariance: &Matrix3<f64>, tiles: &[Tile]) -> Mode {
         let mean = LocalPose::new(mean, Point2::origin());
         let information = covariance.try_inverse().unwrap_or_else(Matrix3::zeros);
         let how = Propagation {
@@ -349,14 +351,13 @@ impl Localization {
             noise: noise_of(covariance),
             prior_information: packed(&information),
             iterations: self.config.proposal.iterations.max(1),
-            capture_sigma: self.sigma as f32,
+            capture_sigma: self.capture_sigma as f32,
             spread: 0.0,
         };
         let reach = tiles.iter().map(Tile::reach).fold(0.0, f32::max) + how.longest_way();
         let maps = [self.table.near(&self.slots[0], mean.x, mean.y, reach)];
         let scene = Scene { table: &self.table, tiles, maps: &maps };
-        let modes = self.evaluator.propagate(&scene, &how).into_iter().map(|proposal| proposal.mode);
-        modes.reduce(|a, b| if b.log_posterior > a.log_posterior { b } else { a }).unwrap_or_default()
+        highest(self.evaluator.propagate(&scene, &how)).unwrap_or_default()
     }
 
     /// Between steps, a robot that is located is followed by its scans: odometry may be far off by the next step.
@@ -369,11 +370,11 @@ impl Localization {
         self.motion.mean = found.seen_from(estimate.world_from_robot);
     }
 
-    /// Climbs to the top of the posterior around a mode, and judges it.
-    fn locate(&mut self, mode: &Mode, tiles: &[Tile]) -> Estimate {
-        // As if the mode were no narrower than this: its few particles may lie in one place.
-        let covariance = mode.covariance + Matrix3::from_diagonal(&Vector3::new(0.05, 0.05, 0.02).map(|s: f64| s * s));
-        let best = self.climb(mode.mean, &covariance, tiles);
+    /// Climbs to the top of the posterior around a cloud, and judges it.
+    fn locate(&mut self, cloud: &Cloud, tiles: &[Tile]) -> Estimate {
+        // As if the cloud were no narrower than this: its few particles may lie in one place.
+        let covariance = cloud.covariance + Matrix3::from_diagonal(&Vector3::new(0.05, 0.05, 0.02).map(|s: f64| s * s));
+        let best = self.climb(cloud.mean, &covariance, tiles);
 
         let points: f64 = tiles.iter().map(|tile| f64::from(tile.count)).sum();
         let log_outlier = f64::from(self.table.log_outlier());
@@ -381,12 +382,12 @@ impl Localization {
         let gained = f64::from(best.log_likelihood) - points * log_outlier;
         let explained = if most > 0.0 { (gained / most).clamp(0.0, 1.0) } else { 0.0 };
         let LocalizationConfig { located_weight, located_explained, located_steps, .. } = self.config.localization;
-        let is_good = mode.weight >= located_weight && explained >= located_explained;
+        let is_good = cloud.weight >= located_weight && explained >= located_explained;
         // A bad step costs four good ones, so that a moment of doubt is no new start.
         let good = if is_good { self.good_steps + 1 } else { self.good_steps.saturating_sub(4) };
         self.good_steps = good.min(located_steps.saturating_mul(2));
         let is_located = is_good && self.good_steps >= located_steps;
-        let confidence = Confidence { weight: mode.weight, explained, is_located };
+        let confidence = Confidence { weight: cloud.weight, explained, is_located };
         Estimate { world_from_robot: best.pose.in_world(self.table.anchor()), confidence }
     }
 
@@ -446,7 +447,7 @@ impl Localization {
         sort_by_place(&mut particles, |particle| particle.0);
         let LocalizationConfig { least_sigma, most_sigma, .. } = self.config.localization;
         let volume = bins as f64 * BIN.iter().product::<f64>() / particles.len().max(1) as f64;
-        self.sigma = (0.5 * (LEVER * volume).cbrt()).clamp(least_sigma, most_sigma);
+        self.capture_sigma = (0.5 * (LEVER * volume).cbrt()).clamp(least_sigma, most_sigma);
         let parents;
         (self.particles, parents) = particles.into_iter().unzip();
         parents
@@ -484,7 +485,7 @@ fn table(map: &KnownMap, config: &Config) -> ClusterTable {
     }
     let capture_sigma = config.localization.most_sigma;
     let mut table = ClusterTable::new(LikelihoodConfig { capture_sigma, ..config.likelihood });
-    // Particles may be anywhere, so the anchor is the middle of the map and stays there.
+    // Particles may be anywhere, so the anchor is near the middle of the map and stays there.
     table.update(&mut pool, middle(&map.clusters));
     table
 }
@@ -536,6 +537,7 @@ fn enough_for(bins: usize, config: &LocalizationConfig) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector2;
 
     /// Eq. 5 there: χ² of k - 1 degrees of freedom over 2 ε, by the table of its 99 % quantiles; eq. 7 approximates it.
     #[test]
@@ -546,6 +548,23 @@ mod tests {
             assert!((found - expected).abs() < 0.02 * expected + 1.0, "{bins} bins: {found} is not {expected}");
         }
         assert_eq!(enough_for(1, &config), 0);
+    }
+
+    /// A metre of wall that is known to 3 cm and three metres that are known to 10 cm: 1/(√(2π) σ) in their middle.
+    #[test]
+    fn a_map_can_say_as_much_as_its_metres_of_wall() {
+        let likelihood = LikelihoodConfig { sigma_floor: 0.03, outlier_density: 0.01, ..LikelihoodConfig::default() };
+        let wall = |length: f64, sigma: f64| Cluster {
+            mean: Point2::new(3.0, 5.0),
+            direction: Vector2::x(),
+            along_variance: length * length / 12.0,
+            across_variance: sigma * sigma,
+            count: 10.0,
+        };
+        let found = log_peak(&[wall(1.0, 0.001), wall(3.0, 0.1)], &likelihood);
+        let expected = 0.25 * 13.298_f64.ln() + 0.75 * 3.989_4_f64.ln();
+        assert!((found - expected).abs() < 1e-4, "{found}, not {expected}");
+        assert!((log_peak(&[], &likelihood) - 0.01_f64.ln()).abs() < 1e-6);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use crate::evaluator::failover::Failover;
 use crate::evaluator::layout::{LocalPose, Tile, tiles};
 use crate::evaluator::symmetric::{noise_of, packed, unpacked};
 use crate::evaluator::table::ClusterTable;
-use crate::evaluator::{Evaluator, EvaluatorError, Propagation, Proposal, Scene, Start};
+use crate::evaluator::{Evaluator, EvaluatorError, Propagation, Proposal, Scene, Start, highest};
 use crate::filter::{Ancestry, effective_sample_size, normalised, resample};
 use crate::geometry::{Pose, StampedPose};
 use crate::io::{LaserReading, LogEntry};
@@ -24,11 +24,10 @@ use crate::map::{Map, MapCluster, Pool, Slot};
 use crate::motion::Motion;
 use crate::ppca::Cluster;
 use crate::random::{Draw, bits, uniform};
-use crate::record::{ReportedParticle, RunResult, StageTimes, StepReport};
+use crate::record::{ReportedParticle, RunResult, StageTimes, StepReport, timed};
 use crate::scan::Scan;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
-use web_time::Instant;
 
 /// A map, and the robot in it.
 #[derive(Clone, Debug)]
@@ -143,9 +142,9 @@ impl Slam {
         if self.steps == 0 {
             self.place_first_readings(reading.odom_from_robot);
         }
-        let began = Instant::now();
-        self.track(reading.odom_from_robot, &tiles);
-        self.times.track += began.elapsed().as_secs_f64();
+        let mut track_seconds = 0.0;
+        timed(&mut track_seconds, || self.track(reading.odom_from_robot, &tiles));
+        self.times.track += track_seconds;
         let moved = self.tracked.mean;
         if self.steps > 0 && self.config.filter.is_too_near(moved) {
             self.remember(reading.stamp, reading.odom_from_robot, moved);
@@ -240,8 +239,7 @@ impl Slam {
         };
         let maps = [self.near(&best.map, expected, tiles, how.longest_way())];
         let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
-        let modes = proposals.into_iter().map(|proposal| proposal.mode);
-        if let Some(mode) = modes.reduce(|a, b| if b.log_posterior > a.log_posterior { b } else { a }) {
+        if let Some(mode) = highest(proposals) {
             self.tracked.mean = mode.pose.in_world(self.table.anchor()).seen_from(best.world_from_robot);
             self.tracked.covariance = unpacked(mode.information).try_inverse().unwrap_or(self.tracked.covariance);
         }
@@ -425,11 +423,3 @@ impl Slam {
 
 /// Room for the thickness of clusters \[m\].
 const MARGIN: f64 = 1.0;
-
-/// Does some work and adds the seconds that it took.
-fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
-    let began = Instant::now();
-    let result = work();
-    *seconds += began.elapsed().as_secs_f64();
-    result
-}

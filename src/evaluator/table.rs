@@ -58,7 +58,7 @@ struct Circle {
 const MAX_OFF: f64 = 16.0;
 
 impl ClusterTable {
-    /// A table without rows.
+    /// A table without rows; no wall in it will be thicker than the `capture_sigma` of the likelihood or itself.
     pub fn new(likelihood: LikelihoodConfig) -> Self {
         static TABLES: AtomicU64 = AtomicU64::new(0);
         Self {
@@ -103,17 +103,16 @@ impl ClusterTable {
     fn circle(&self, cluster: &Cluster, row: ClusterParams) -> Circle {
         let mean = cluster.mean - self.anchor;
         let metres = |distance: f32, [x, y, _]: [f32; 3]| distance / x.hypot(y);
-        let radius = |row: ClusterParams| {
-            // Where ln p falls to that of an outlier, in units of √2 standard deviations.
-            let reach = (row.log_peak - self.log_outlier()).max(0.0).sqrt();
-            metres(row.half_length + reach, row.along).hypot(metres(reach, row.across))
-        };
-        // The thicker a wall, the further it reaches, until its peak is half a nat above an outlier:
+        // Where ln p falls to that of an outlier, in units of √2 standard deviations.
+        let reach = |row: ClusterParams| (row.log_peak - self.log_outlier()).max(0.0).sqrt();
+        let along = metres(row.half_length + reach(row), row.along);
+        // Across, it reaches further the thicker it is, until its peak is half a nat above an outlier:
         // d/dσ of σ² (ln peak - ln outlier) = 0.
         let furthest = metres(FRAC_1_SQRT_2, row.across) * (row.log_peak - self.log_outlier() - 0.5).exp();
         let thick = row.thickened(furthest.min(self.likelihood.capture_sigma as f32));
+        let across = metres(reach(thick), thick.across);
         // Its whole length in any case: who looks for walls to match needs those that explain nothing, too.
-        let radius = radius(row).max(radius(thick)).max(0.5 * cluster.length() as f32);
+        let radius = along.hypot(across).max(0.5 * cluster.length() as f32);
         // Room for rounding.
         Circle { x: mean.x as f32, y: mean.y as f32, radius: radius * 1.001 + 0.001 }
     }

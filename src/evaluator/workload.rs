@@ -1,11 +1,12 @@
 //! Work of any size to measure evaluators by, and what the processor could do at best.
 
-use super::cpu::View;
+use super::cpu::{View, advance_all, weigh_all};
 use super::cull::{Candidates, LocalMap};
 use super::grouping::by_place;
 use super::layout::{LikelihoodConfig, LocalPose, TILE, Tile, tiles};
+use super::symmetric::Cholesky;
 use super::table::ClusterTable;
-use super::{Evaluator, EvaluatorError, Scene};
+use super::{Advance, Evaluator, EvaluatorError, Scene, Weighed};
 use crate::geometry::Pose;
 use crate::map::{MapCluster, Pool, Slot};
 use crate::ppca::Cluster;
@@ -106,13 +107,24 @@ impl Workload {
         self.maps[0].len()
     }
 
-    /// How far the weights of an evaluator are from those of the CPU at most, in nats a point.
+    /// How far the weights of an evaluator are from those of the CPU at most, of poses that stay and of poses that move,
+    /// in nats a point.
     ///
     /// # Errors
     /// The evaluator failed.
     pub fn difference(&self, evaluator: &mut dyn Evaluator) -> Result<f64, EvaluatorError> {
-        let weighed = evaluator.weigh(&self.scene(), &self.poses)?;
-        let expected = super::cpu::weigh_all(&self.scene(), &self.poses);
+        let how = Advance {
+            seed: 1,
+            step: 0,
+            motion: [0.1, 0.0, 0.02],
+            noise: Cholesky([0.01, 0.0, 0.01, 0.0, 0.0, 0.01]),
+            capture_sigma: LikelihoodConfig::default().capture_sigma as f32,
+        };
+        let moved = |advanced: Vec<Weighed>| advanced.into_iter().map(|weighed| weighed.log_likelihood);
+        let mut weighed = evaluator.weigh(&self.scene(), &self.poses)?;
+        weighed.extend(moved(evaluator.advance(&self.scene(), &how, &self.poses)?));
+        let mut expected = weigh_all(&self.scene(), &self.poses);
+        expected.extend(moved(advance_all(&self.scene(), &how, &self.poses)));
         // A weight that is not a number is as far off as can be.
         let apart = |(a, b): (&f32, &f32)| Some(f64::from((a - b).abs())).filter(|d| !d.is_nan());
         let differences = weighed.iter().zip(&expected).map(|pair| apart(pair).unwrap_or(f64::INFINITY));
@@ -210,11 +222,11 @@ pub fn instructions() -> String {
 mod tests {
     use super::*;
     use crate::evaluator::cpu::CpuEvaluator;
-    use crate::evaluator::{Advance, Propagation, Proposal, Weighed};
+    use crate::evaluator::{Propagation, Proposal};
 
-    /// The CPU, but for the first weight.
+    /// The CPU, but for the first weight of poses that stay, and of poses that move.
     #[derive(Debug)]
-    struct Wrong(f32);
+    struct Wrong([f32; 2]);
 
     impl Evaluator for Wrong {
         fn propagate(&mut self, _: &Scene<'_>, _: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError> {
@@ -223,21 +235,28 @@ mod tests {
 
         fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
             let mut weighed = CpuEvaluator.weigh(scene, poses)?;
-            weighed[0] += self.0;
+            weighed[0] += self.0[0];
             Ok(weighed)
         }
 
-        fn advance(&mut self, _: &Scene<'_>, _: &Advance, _: &[LocalPose]) -> Result<Vec<Weighed>, EvaluatorError> {
-            Ok(Vec::new())
+        fn advance(
+            &mut self,
+            scene: &Scene<'_>,
+            how: &Advance,
+            poses: &[LocalPose],
+        ) -> Result<Vec<Weighed>, EvaluatorError> {
+            let mut weighed = CpuEvaluator.advance(scene, how, poses)?;
+            weighed[0].log_likelihood += self.0[1];
+            Ok(weighed)
         }
     }
 
     #[test]
     fn a_wrong_weight_is_a_difference() {
         let workload = Workload::new(100, 180, 50);
-        for (off, expected) in [(18.0, 0.1), (f32::NAN, f64::INFINITY)] {
+        for (off, expected) in [([18.0, 0.0], 0.1), ([0.0, 18.0], 0.1), ([f32::NAN, 0.0], f64::INFINITY)] {
             let found = workload.difference(&mut Wrong(off)).unwrap();
-            assert!(found == expected || (found - expected).abs() < 1e-5, "{off}: {found}, not {expected}");
+            assert!(found == expected || (found - expected).abs() < 1e-5, "{off:?}: {found}, not {expected}");
         }
     }
 

@@ -7,6 +7,7 @@ use crate::ppca::Cluster;
 use crate::scan::Scan;
 use crc32fast::Hasher;
 use serde::{Deserialize, Serialize};
+use web_time::Instant;
 
 #[cfg(feature = "record")]
 pub mod rerun;
@@ -58,6 +59,14 @@ pub struct StageTimes {
     pub resample: f64,
     /// Matching and merging clusters into the maps.
     pub merge: f64,
+}
+
+/// Does some work and adds the seconds that it took.
+pub(crate) fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
+    let began = Instant::now();
+    let result = work();
+    *seconds += began.elapsed().as_secs_f64();
+    result
 }
 
 /// How far the pose of a step can be relied on.

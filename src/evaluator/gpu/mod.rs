@@ -44,7 +44,7 @@ struct Dispatch {
 impl Dispatch {
     /// A kernel that runs by itself: nothing climbs.
     fn once(kernel: Kernel, is_thick: bool) -> Self {
-        Self { kernel, phase: Phase { restart: 1, may_step: 0 }, is_thick }
+        Self { kernel, phase: Phase::new(true, false), is_thick }
     }
 }
 
@@ -264,7 +264,8 @@ impl Evaluator for GpuEvaluator {
     ) -> Result<Vec<Weighed>, EvaluatorError> {
         self.upload_table(scene.table)?;
         let job = Job::advance(how, scene.tiles.len(), scene.table.log_outlier());
-        let dispatches = [Kernel::Propagate, Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch::once(kernel, true));
+        let [cull, weigh] = [Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch::once(kernel, true));
+        let dispatches = [Dispatch::once(Kernel::Propagate, false), cull, weigh];
         let groups = in_order(1, poses.len(), GROUP);
         let mut all = Vec::with_capacity(poses.len());
         for groups in groups.chunks(self.groups_at_once(scene)) {
@@ -283,8 +284,8 @@ impl Evaluator for GpuEvaluator {
 /// The kernels of a climb of at most so many steps: a look before each and one after the last.
 fn climb(is_thick: bool, iterations: u32) -> impl Iterator<Item = Dispatch> {
     (0..=iterations).flat_map(move |look| {
-        let [restart, may_step] = [look == 0, look < iterations].map(u32::from);
-        [Kernel::Cull, Kernel::Refine].map(|kernel| Dispatch { kernel, phase: Phase { restart, may_step }, is_thick })
+        let phase = Phase::new(look == 0, look < iterations);
+        [Kernel::Cull, Kernel::Refine].map(|kernel| Dispatch { kernel, phase, is_thick })
     })
 }
 
