@@ -209,7 +209,8 @@ fn thick_walls_are_walls_with_more_variance_across() {
         table.update(&mut pool, pose);
         for sigma in [0.01, 0.1, 0.45, config.capture_sigma] {
             let walls = thick(&clusters, sigma);
-            for point in points.iter().map(|&point| pose * point) {
+            let beside = clusters.iter().map(|cluster| cluster.mean + 0.45 * cluster.normal());
+            for point in points.iter().map(|&point| pose * point).chain(beside) {
                 let [x, y] = (point - table.anchor()).map(|number| number as f32).into();
                 let near = table.near(&slots, x, y, 0.0);
                 left_out += slots.len() - near.len();
