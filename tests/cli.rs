@@ -774,7 +774,8 @@ fn the_robot_is_found_in_a_map_of_either_kind() {
         let (compared, right) = (against["compared"].as_u64().unwrap(), against["right"].as_u64().unwrap());
         assert!(compared > 100 && right * 20 >= compared * 19, "{map}: {found:#}");
         assert!(found["first_fix"]["metres"].as_f64().unwrap() < 15.0, "{found:#}");
-        assert!(found["particles"]["last"].as_u64().unwrap() < 20000, "{found:#}");
+        // Once found, a few do.
+        assert!(found["particles"]["median"].as_u64().unwrap() < 2000, "{found:#}");
         assert_eq!(place.summary("found")["particles"], found["particles"]);
         assert!(!tum::read(&place.path("found/trajectory.tum")).unwrap().is_empty());
         assert!(std::fs::read(place.path("found/map.png")).unwrap().starts_with(b"\x89PNG"));

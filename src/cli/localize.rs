@@ -110,7 +110,7 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         outputs.note(Err(anyhow!("the recording is not whole: {failure}")));
     }
     drop(observers);
-    ensure!(followed.steps > 0, "{}: no laser reading to find the robot by", info.log);
+    ensure!(!followed.particles.is_empty(), "{}: no laser reading to find the robot by", info.log);
     if let Some(error) = followed.broke_off.take() {
         outputs.note(Err(error));
     }
@@ -173,13 +173,19 @@ struct Followed {
     /// Entries of the log before the first reading.
     skipped: usize,
     scans: u64,
-    steps: u64,
-    particles_first: usize,
-    particles_most: usize,
-    particles_last: usize,
+    /// Of each step.
+    particles: Vec<usize>,
     first_step_seconds: f64,
     evaluator_failure: Option<String>,
     broke_off: Option<LogError>,
+}
+
+/// How many particles the steps had.
+#[derive(Serialize)]
+struct ParticleCounts {
+    first: usize,
+    most: usize,
+    median: usize,
 }
 
 /// How far the robot has come since the start, by its odometry.
@@ -232,7 +238,7 @@ fn follow(
         followed.readings.push(Reading { stamp, way, odom_from_robot, world_from_robot, is_located });
         let place = if is_located { "located" } else { "looking" };
         progress.update(reader.progress().map_or(followed.scans, |(done, _)| done), |_| {
-            format!("{} particles, {place}", followed.particles_last)
+            format!("{} particles, {place}", followed.particles.last().unwrap_or(&0))
         });
     }
     progress.finish();
@@ -254,13 +260,21 @@ impl Reading {
 
 impl Followed {
     fn step(&mut self, report: &StepReport<'_>, seconds: f64) {
-        let particles = report.particles.len();
-        if self.steps == 0 {
-            (self.particles_first, self.first_step_seconds) = (particles, seconds);
+        if self.particles.is_empty() {
+            self.first_step_seconds = seconds;
         }
-        self.steps += 1;
-        self.particles_most = self.particles_most.max(particles);
-        self.particles_last = particles;
+        self.particles.push(report.particles.len());
+    }
+
+    fn particle_counts(&self) -> ParticleCounts {
+        let mut sorted = self.particles.clone();
+        sorted.sort_unstable();
+        let of = |count: Option<&usize>| count.copied().unwrap_or(0);
+        ParticleCounts {
+            first: of(self.particles.first()),
+            most: of(sorted.last()),
+            median: of(sorted.get(sorted.len() / 2)),
+        }
     }
 
     fn located_readings(&self) -> impl Iterator<Item = (&Reading, Pose)> {
@@ -375,7 +389,6 @@ impl Summary<'_> {
     }
 
     fn json(&self) -> serde_json::Value {
-        let Followed { scans, steps, particles_first, particles_most, particles_last, .. } = self.followed;
         json!({
             "program": "ipslam",
             "version": env!("CARGO_PKG_VERSION"),
@@ -383,9 +396,9 @@ impl Summary<'_> {
             "log": self.info.log,
             "device": self.info.device,
             "seed": self.info.config.seed,
-            "scans": scans,
-            "steps": steps,
-            "particles": { "first": particles_first, "most": particles_most, "last": particles_last },
+            "scans": self.followed.scans,
+            "steps": self.followed.particles.len(),
+            "particles": self.followed.particle_counts(),
             "first_fix": self.followed.first_fix(),
             "located_share": self.located_share(),
             "against_reference": self.errors,
@@ -403,17 +416,15 @@ impl Summary<'_> {
         let fix = |fix: Option<Way>| {
             fix.map_or("never".to_owned(), |Way { seconds, metres }| format!("after {seconds:.1} s and {metres:.1} m"))
         };
-        let Followed { scans, steps, particles_first, particles_most, particles_last, .. } = self.followed;
+        let (scans, steps) = (self.followed.scans, self.followed.particles.len());
+        let ParticleCounts { first, most, median } = self.followed.particle_counts();
         let mut rows = vec![
             ("log", format!("{}: {scans} scans in {:.1} s, {steps} steps", self.info.log, self.log_seconds())),
             (
                 "located",
                 format!("{}, in {:.1} % of the readings", fix(self.followed.first_fix()), 100.0 * self.located_share()),
             ),
-            (
-                "",
-                format!("particles: {particles_first} at first, {particles_most} at most, {particles_last} at the end"),
-            ),
+            ("", format!("particles: {first} at first, {most} at most, {median} at the median")),
         ];
         if let Some(Errors { compared, right, first_right_fix, median_error_m, largest_error_m }) = &self.errors {
             rows.push(("truth", format!("{right} of {compared} located poses are right (0.5 m, 10°)")));

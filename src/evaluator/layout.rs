@@ -49,7 +49,7 @@ impl Default for LikelihoodConfig {
             capture_sigma: 0.15,
             end_sigma: 0.1,
             outlier_density: 0.01,
-            temper: 0.05,
+            temper: 0.025,
             max_points: 180,
         }
     }
