@@ -109,7 +109,7 @@ fn a_prior_needs_few_particles() {
     assert!(is_located && is_right, "a wrong prior is never got rid of");
 }
 
-/// Where all beams were lost nothing is known better or worse than before.
+/// Where all beams were lost nothing is known better or worse than before, however far the robot has come.
 #[test]
 fn a_blank_scan_changes_nothing() {
     let drive = drive(1);
@@ -120,10 +120,17 @@ fn a_blank_scan_changes_nothing() {
     let (entry, truth) =
         drive[..drive.len() / 2].iter().rfind(|(entry, _)| matches!(entry, LogEntry::Laser(_))).unwrap();
     let LogEntry::Laser(reading) = entry else { unreachable!() };
-    let blank = LaserReading { ranges: vec![f64::INFINITY; reading.ranges.len()], ..reading.clone() };
-    assert_eq!(follow(&mut filter, &[(LogEntry::Laser(blank), *truth)]), []);
+    let onward = Pose::new(1.0, 0.0, 0.0);
+    let blank = LaserReading {
+        odom_from_robot: reading.odom_from_robot * onward,
+        ranges: vec![f64::INFINITY; reading.ranges.len()],
+        ..reading.clone()
+    };
+    assert_eq!(follow(&mut filter, &[(LogEntry::Laser(blank), *truth * onward)]), []);
     let after = filter.estimate().unwrap();
     assert_eq!(after.confidence, before.confidence);
+    let moved = after.world_from_robot.seen_from(before.world_from_robot);
+    assert!((moved.x - 1.0).abs() < 0.1 && moved.y.abs() < 0.1, "{moved:?}");
 }
 
 /// Odometry goes on as if nothing had happened.

@@ -8,7 +8,7 @@ use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::gpu::GpuEvaluator;
 use ipslam::evaluator::gpu::device::Adapter;
 use ipslam::evaluator::gpu::shaders::Together;
-use ipslam::evaluator::layout::LocalPose;
+use ipslam::evaluator::layout::{LikelihoodConfig, LocalPose};
 use ipslam::evaluator::symmetric::{Cholesky, unpacked};
 use ipslam::evaluator::table::ClusterTable;
 use ipslam::evaluator::{Advance, Evaluator, Propagation, Proposal, Scene, Start};
@@ -262,7 +262,8 @@ pub fn compare_refined(evaluator: &mut dyn Evaluator) -> Found {
             found.compare(0, apart(gpu_pose, cpu_pose), REFINED, what("GPU and CPU"));
             let sampled = slow_propagate(&how, particle as u32, starts[0].mean.in_world(world.table.anchor()));
             let prior = (start, unpacked(prior_information));
-            let slow_pose = slow_climb(&world.clusters, sampled, prior, &world.points, &world.config, 12);
+            let config = LikelihoodConfig { capture_sigma: how.capture_sigma.into(), ..world.config };
+            let slow_pose = slow_climb(&world.clusters, sampled, prior, &world.points, &config, 12);
             found.compare(1, apart(gpu_pose, slow_pose), REFINED, what("GPU and f64"));
             found.compare(2, apart(cpu_pose, slow_pose), REFINED, what("CPU and f64"));
 
