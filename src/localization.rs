@@ -9,8 +9,8 @@
 //! - Where scans fit worse than they used to, particles from anywhere are mixed in (augmented MCL; S. Thrun, W. Burgard,
 //!   D. Fox, "Probabilistic Robotics", table 8.3), so that a robot that was carried away is found again.
 //! - The pose that is told is not the mean of the particles but the top of the posterior around their mode, climbed to in
-//!   the map as it is ([`Evaluator::propagate`]); and it is told only where the mode has nearly all of the weight and the map
-//!   explains the scan there.
+//!   the map as it is ([`Evaluator::propagate`]); and it is told only where the mode has nearly all of the weight, the map
+//!   explains the scan there, and the robot can have come there from the top before.
 
 use crate::config::Config;
 use crate::evaluator::failover::Failover;
@@ -63,7 +63,8 @@ pub struct LocalizationConfig {
     pub located_weight: f64,
     /// ... the map explains this share of what it could explain of the scan at best ...
     pub located_explained: f64,
-    /// ... and both has been so for about this many steps: rooms look alike, but not the way from one to the next.
+    /// ... and both has been so, at poses that the robot can have moved between, for about this many steps: rooms look
+    /// alike, but not the way from one to the next.
     pub located_steps: u32,
 }
 
@@ -165,6 +166,11 @@ pub struct Localization {
 const BIN: [f64; 3] = [0.5, 0.5, PI / 18.0];
 /// A wall so far off \[m\] moves by as much when the robot turns as when it steps.
 const LEVER: f64 = 5.0;
+/// Neither a cloud nor a top is known better than this in (forward, sideways, heading): standard deviations
+/// \[m, m, rad\].
+const BEST_KNOWN: Vector3<f64> = Vector3::new(0.05, 0.05, 0.02);
+/// 99 % of normal vectors of three numbers are no longer than this, squared (χ²).
+const NEARLY_ALL: f64 = 11.345;
 /// A cloud is what lies this close around its mean \[m, rad\].
 const CLOUD: [f64; 2] = [1.0, 0.5];
 
@@ -372,9 +378,9 @@ impl Localization {
 
     /// Climbs to the top of the posterior around a cloud, and judges it.
     fn locate(&mut self, cloud: &Cloud, tiles: &[Tile]) -> Estimate {
-        // As if the cloud were no narrower than this: its few particles may lie in one place.
-        let covariance = cloud.covariance + Matrix3::from_diagonal(&Vector3::new(0.05, 0.05, 0.02).map(|s: f64| s * s));
-        let best = self.climb(cloud.mean, &covariance, tiles);
+        // Its few particles may lie in one place.
+        let best = self.climb(cloud.mean, &(cloud.covariance + best_known()), tiles);
+        let top = best.pose.in_world(self.table.anchor());
 
         let points: f64 = tiles.iter().map(|tile| f64::from(tile.count)).sum();
         let log_outlier = f64::from(self.table.log_outlier());
@@ -382,13 +388,22 @@ impl Localization {
         let gained = f64::from(best.log_likelihood) - points * log_outlier;
         let explained = if most > 0.0 { (gained / most).clamp(0.0, 1.0) } else { 0.0 };
         let LocalizationConfig { located_weight, located_explained, located_steps, .. } = self.config.localization;
-        let is_good = cloud.weight >= located_weight && explained >= located_explained;
+        let is_good = cloud.weight >= located_weight && explained >= located_explained && self.is_expected(top);
         // A bad step costs four good ones, so that a moment of doubt is no new start.
         let good = if is_good { self.good_steps + 1 } else { self.good_steps.saturating_sub(4) };
         self.good_steps = good.min(located_steps.saturating_mul(2));
         let is_located = is_good && self.good_steps >= located_steps;
         let confidence = Confidence { weight: cloud.weight, explained, is_located };
-        Estimate { world_from_robot: best.pose.in_world(self.table.anchor()), confidence }
+        Estimate { world_from_robot: top, confidence }
+    }
+
+    /// Can the robot have come here from the last top? At a place that only looks like the right one the tops jump.
+    fn is_expected(&self, top: Pose) -> bool {
+        let Some(last) = self.estimate else { return true };
+        let off = top.seen_from(last.world_from_robot * self.motion.mean);
+        let off = Vector3::new(off.x, off.y, off.heading);
+        let information = (self.motion.covariance + best_known()).try_inverse();
+        information.is_none_or(|information| off.dot(&(information * off)) <= NEARLY_ALL)
     }
 
     /// Renews both memories; returns the share of particles that should come from anywhere.
@@ -502,6 +517,11 @@ fn log_peak(clusters: &[Cluster], likelihood: &LikelihoodConfig) -> f64 {
     if length > 0.0 { sum / length } else { f64::from(likelihood.log_outlier()) }
 }
 
+/// The covariance of [`BEST_KNOWN`].
+fn best_known() -> Matrix3<f64> {
+    Matrix3::from_diagonal(&BEST_KNOWN.component_mul(&BEST_KNOWN))
+}
+
 /// The bin of a pose.
 fn bin(pose: LocalPose) -> [i32; 3] {
     let at = [pose.x, pose.y, pose.heading].map(f64::from);
@@ -537,6 +557,7 @@ fn enough_for(bins: usize, config: &LocalizationConfig) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::{Cell, OccupancyGrid};
     use nalgebra::Vector2;
 
     /// Eq. 5 there: χ² of k - 1 degrees of freedom over 2 ε, by the table of its 99 % quantiles; eq. 7 approximates it.
@@ -565,6 +586,26 @@ mod tests {
         let expected = 0.25 * 13.298_f64.ln() + 0.75 * 3.989_4_f64.ln();
         assert!((found - expected).abs() < 1e-4, "{found}, not {expected}");
         assert!((log_peak(&[], &likelihood) - 0.01_f64.ln()).abs() < 1e-6);
+    }
+
+    /// A metre forward, turning to the left, known to 12 cm (with the 5 cm of a top to 13 cm) and 0.048 rad (0.052):
+    /// √11.345 = 3.37 standard deviations are 44 cm and 0.175 rad.
+    #[test]
+    fn the_robot_is_expected_where_its_motion_leads_to() {
+        let grid = OccupancyGrid::new(1.0, Pose::IDENTITY, 1, 1, vec![Cell::Free]).unwrap();
+        let map = KnownMap { clusters: Vec::new(), free: FreeArea::from_grid(&grid, []).unwrap() };
+        let mut filter = Localization::new(map, None, Config::default(), None);
+        assert!(filter.is_expected(Pose::new(100.0, 0.0, 0.0)), "nothing is known at first");
+        let world_from_robot = Pose::new(5.0, 3.0, 3.1);
+        let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: false };
+        filter.estimate = Some(Estimate { world_from_robot, confidence });
+        let covariance = Matrix3::from_diagonal(&Vector3::new(0.12_f64, 0.12, 0.048).map(|sigma| sigma * sigma));
+        filter.motion = Motion { mean: Pose::new(1.0, 0.0, 0.1), covariance };
+        let is_expected = |x, y, turn| filter.is_expected(world_from_robot * Pose::new(1.0 + x, y, 0.1 + turn));
+        assert!(is_expected(0.0, 0.0, 0.0) && is_expected(0.43, 0.0, 0.0) && is_expected(0.0, -0.43, 0.0));
+        assert!(is_expected(0.0, 0.0, 0.17) && is_expected(0.0, 0.0, -0.17));
+        assert!(!is_expected(0.45, 0.0, 0.0) && !is_expected(0.0, -0.45, 0.0) && !is_expected(0.0, 0.0, 0.18));
+        assert!(!is_expected(0.33, 0.33, 0.0), "both together");
     }
 
     #[test]
