@@ -3,38 +3,21 @@
 #![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "helpers of tests")]
 
 mod common;
+#[path = "common/logs.rs"]
+mod logs;
 
 use common::data;
 use flate2::{Compression, write::GzEncoder};
-use ipslam::geometry::{Pose, wrap_angle};
+use ipslam::geometry::Pose;
 use ipslam::io::carmen::{CarmenLog, CarmenReader, CarmenWriter, implied_angles};
-use ipslam::io::{LaserReading, LogEntry, LogError, LogReader, LogSource as _, LogStats};
+use ipslam::io::{LaserReading, LogEntry, LogError, LogSource as _};
+use logs::{Outcome, drain, same, same_pose};
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::io::{Cursor, Read, Write as _};
 
 /// Numbers are written with all their digits; the laser's pose is a sum, rounded within 100 km of the origin.
 const TOLERANCE: f64 = 1e-9;
-
-struct Outcome {
-    entries: Vec<LogEntry>,
-    error: Option<LogError>,
-    stats: LogStats,
-}
-
-fn drain(reader: &mut dyn LogReader) -> Outcome {
-    let mut outcome = Outcome { entries: Vec::new(), error: None, stats: LogStats::default() };
-    for entry in &mut *reader {
-        assert!(outcome.error.is_none(), "an entry after an error");
-        match entry {
-            Ok(entry) => outcome.entries.push(entry),
-            Err(error) => outcome.error = Some(error),
-        }
-    }
-    assert!(reader.next().is_none(), "an entry after the end");
-    outcome.stats = reader.stats().clone();
-    outcome
-}
 
 fn read_from(bytes: impl Read + Send + 'static) -> Outcome {
     drain(&mut CarmenReader::from_reader("test.clf", bytes).unwrap())
@@ -60,36 +43,6 @@ fn three_beams(stamp: f64, odom_from_robot: Pose, robot_from_laser: Pose, ranges
         angle_step: FRAC_PI_2,
         max_range: f64::INFINITY,
         ranges: ranges.to_vec(),
-    }
-}
-
-fn same_pose(a: Pose, b: Pose) -> bool {
-    (a.x - b.x).abs() <= TOLERANCE
-        && (a.y - b.y).abs() <= TOLERANCE
-        && wrap_angle(a.heading - b.heading).abs() <= TOLERANCE
-}
-
-fn same(a: &LogEntry, b: &LogEntry) -> bool {
-    match (a, b) {
-        (
-            LogEntry::Odometry { stamp, odom_from_robot },
-            LogEntry::Odometry { stamp: other_stamp, odom_from_robot: other },
-        ) => stamp == other_stamp && same_pose(*odom_from_robot, *other),
-        (
-            LogEntry::Truth { stamp, world_from_robot },
-            LogEntry::Truth { stamp: other_stamp, world_from_robot: other },
-        ) => stamp == other_stamp && same_pose(*world_from_robot, *other),
-        (LogEntry::Laser(a), LogEntry::Laser(b)) => {
-            let bits = |ranges: &[f64]| ranges.iter().map(|range| range.to_bits()).collect::<Vec<_>>();
-            a.stamp == b.stamp
-                && same_pose(a.odom_from_robot, b.odom_from_robot)
-                && same_pose(a.robot_from_laser, b.robot_from_laser)
-                && (a.first_angle - b.first_angle).abs() <= TOLERANCE
-                && (a.angle_step - b.angle_step).abs() <= TOLERANCE
-                && a.max_range == b.max_range
-                && bits(&a.ranges) == bits(&b.ranges)
-        }
-        _ => false,
     }
 }
 
@@ -160,7 +113,11 @@ fn good_lines() {
             let outcome = read(bytes);
             assert!(outcome.error.is_none(), "{line}: {:?}", outcome.error);
             assert_eq!(outcome.entries.len(), 1, "{line}: {:?}", outcome.stats);
-            assert!(same(&outcome.entries[0], &expected), "{line}: {:?}, not {expected:?}", outcome.entries[0]);
+            assert!(
+                same(&outcome.entries[0], &expected, TOLERANCE),
+                "{line}: {:?}, not {expected:?}",
+                outcome.entries[0]
+            );
             assert_eq!((outcome.stats.malformed, outcome.stats.lines), (0, 1), "{line}");
         }
     }
@@ -283,7 +240,7 @@ fn parameters_mount_the_lasers() {
     assert_eq!(outcome.entries.len(), expected.len());
     for (entry, (mounting, max_range)) in outcome.entries.iter().zip(expected) {
         let LogEntry::Laser(reading) = entry else { panic!("{entry:?}") };
-        assert!(same_pose(reading.robot_from_laser, mounting), "{reading:?}");
+        assert!(same_pose(reading.robot_from_laser, mounting, TOLERANCE), "{reading:?}");
         assert_eq!((reading.max_range, reading.odom_from_robot), (max_range, Pose::new(1.0, 2.0, 0.0)));
     }
 }
@@ -551,7 +508,7 @@ proptest! {
         let outcome = read(&line);
         prop_assert!(outcome.error.is_none() && outcome.stats.malformed == 0, "{:?}", outcome.stats);
         prop_assert_eq!(outcome.entries.len(), 1);
-        prop_assert!(same(&outcome.entries[0], &entry), "{:?} from {}", outcome.entries[0], line);
+        prop_assert!(same(&outcome.entries[0], &entry, TOLERANCE), "{:?} from {}", outcome.entries[0], line);
     }
 
     #[test]
@@ -571,7 +528,7 @@ proptest! {
                 _ => reading.ranges[0] = 123.0,
             },
         }
-        prop_assert!(same(&entry, &entry) && !same(&entry, &other));
+        prop_assert!(same(&entry, &entry, TOLERANCE) && !same(&entry, &other, TOLERANCE));
     }
 }
 

@@ -4,17 +4,20 @@
 #![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "helpers of tests")]
 
 mod common;
+#[path = "common/logs.rs"]
+mod logs;
 #[path = "common/python.rs"]
 mod python;
 
 use common::data;
 use ipslam::config::Config;
-use ipslam::geometry::{Pose, wrap_angle};
+use ipslam::geometry::Pose;
 use ipslam::io::carmen::CarmenLog;
 use ipslam::io::mcap::{McapLog, Topics};
 use ipslam::io::{LaserReading, LogEntry, LogError, LogSource, LogStats, open_log};
 use ipslam::ppca::Cluster;
 use ipslam::slam::Slam;
+use logs::{Outcome, drain, same, same_pose};
 use proptest::prelude::*;
 use python::python;
 use serde_json::{Value, json};
@@ -39,26 +42,11 @@ fn write_bags(arguments: &[&str]) -> Option<()> {
     Some(())
 }
 
-struct Outcome {
-    entries: Vec<LogEntry>,
-    error: Option<LogError>,
-    stats: LogStats,
-}
-
 fn read(log: &dyn LogSource) -> Outcome {
     let mut reader = log.open().unwrap();
-    let mut outcome = Outcome { entries: Vec::new(), error: None, stats: LogStats::default() };
-    for entry in &mut *reader {
-        assert!(outcome.error.is_none(), "an entry after an error");
-        match entry {
-            Ok(entry) => outcome.entries.push(entry),
-            Err(error) => outcome.error = Some(error),
-        }
-    }
-    assert!(reader.next().is_none(), "an entry after the end");
+    let outcome = drain(&mut *reader);
     let (read, length) = reader.progress().unwrap();
     assert!(read <= length && length > 0);
-    outcome.stats = reader.stats().clone();
     outcome
 }
 
@@ -122,29 +110,6 @@ fn as_entries(scans: &[LaserReading]) -> Vec<LogEntry> {
     scans.iter().flat_map(both).collect()
 }
 
-fn same_pose(a: Pose, b: Pose) -> bool {
-    (a.x - b.x).abs() <= TOLERANCE
-        && (a.y - b.y).abs() <= TOLERANCE
-        && wrap_angle(a.heading - b.heading).abs() <= TOLERANCE
-}
-
-fn same(a: &LogEntry, b: &LogEntry) -> bool {
-    match (a, b) {
-        (
-            LogEntry::Odometry { stamp, odom_from_robot },
-            LogEntry::Odometry { stamp: other_stamp, odom_from_robot: other },
-        ) => stamp == other_stamp && same_pose(*odom_from_robot, *other),
-        (LogEntry::Laser(a), LogEntry::Laser(b)) => {
-            a.stamp == b.stamp
-                && same_pose(a.odom_from_robot, b.odom_from_robot)
-                && same_pose(a.robot_from_laser, b.robot_from_laser)
-                && (a.first_angle, a.angle_step, a.max_range) == (b.first_angle, b.angle_step, b.max_range)
-                && a.ranges == b.ranges
-        }
-        _ => false,
-    }
-}
-
 #[test]
 fn a_bag_tells_what_the_carmen_log_told() {
     let Some((folder, scans)) = carmen_as_bags() else { return };
@@ -153,7 +118,7 @@ fn a_bag_tells_what_the_carmen_log_told() {
         let outcome = read(&*open_log(folder.path().join(bag), &TOPICS).unwrap());
         assert!(outcome.error.is_none(), "{bag}: {:?}", outcome.error);
         assert_eq!(outcome.entries.len(), expected.len(), "{bag}: {:?}", outcome.stats);
-        let differs = outcome.entries.iter().zip(&expected).position(|(a, b)| !same(a, b));
+        let differs = outcome.entries.iter().zip(&expected).position(|(a, b)| !same(a, b, TOLERANCE));
         assert_eq!(differs, None, "{bag}: {:?}", differs.map(|index| &outcome.entries[index]));
         let count = SCANS as u64;
         let expected_stats = LogStats { lines: 2 * count + 1, laser: count, odometry: count, ..LogStats::default() };
@@ -171,7 +136,7 @@ fn a_bag_tells_what_the_carmen_log_told() {
     for (index, change) in changes.into_iter().enumerate() {
         let mut perturbed = scans[0].clone();
         change(&mut perturbed);
-        assert!(!same(&LogEntry::Laser(perturbed), &expected[1]), "change {index}");
+        assert!(!same(&LogEntry::Laser(perturbed), &expected[1], TOLERANCE), "change {index}");
     }
 }
 
@@ -306,7 +271,7 @@ fn odometry_at_a_scan_lies_between_its_neighbours() {
     let scans = outcome.scans();
     assert_eq!(scans.len(), expected.len());
     for (scan, (x, heading)) in scans.into_iter().zip(expected) {
-        assert!(same_pose(scan.odom_from_robot, Pose::new(x, 0.0, heading)), "{scan:?}, not {x} {heading}");
+        assert!(same_pose(scan.odom_from_robot, Pose::new(x, 0.0, heading), TOLERANCE), "{scan:?}, not {x} {heading}");
     }
     let LogStats { lines, laser, odometry, laser_without_odometry, laser_without_mounting, .. } = outcome.stats;
     assert_eq!((lines, laser, odometry), (10, 6, 3));
@@ -354,7 +319,7 @@ fn where_the_laser_is_mounted() {
     ] {
         let outcome = read(&opened(name).unwrap());
         let [scan] = outcome.scans()[..] else { panic!("{name}: one scan") };
-        assert!(same_pose(scan.robot_from_laser, pose), "{name}: {scan:?}");
+        assert!(same_pose(scan.robot_from_laser, pose, TOLERANCE), "{name}: {scan:?}");
         assert_eq!((scan.first_angle, scan.angle_step), angles, "{name}");
         assert_eq!(outcome.stats.laser_without_mounting, unknown, "{name}");
     }
