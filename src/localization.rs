@@ -166,8 +166,8 @@ pub struct Localization {
 const BIN: [f64; 3] = [0.5, 0.5, PI / 18.0];
 /// A wall so far off \[m\] moves by as much when the robot turns as when it steps.
 const LEVER: f64 = 5.0;
-/// Neither a cloud nor a top is known better than this in (forward, sideways, heading): standard deviations
-/// \[m, m, rad\].
+/// No pose is known better than this in (forward, sideways, heading), whatever particles or a map say: standard
+/// deviations \[m, m, rad\].
 const BEST_KNOWN: Vector3<f64> = Vector3::new(0.05, 0.05, 0.02);
 /// 99 % of normal vectors of three numbers are no longer than this, squared (χ²).
 const NEARLY_ALL: f64 = 11.345;
@@ -379,7 +379,7 @@ impl Localization {
     /// Climbs to the top of the posterior around a cloud, and judges it.
     fn locate(&mut self, cloud: &Cloud, tiles: &[Tile]) -> Estimate {
         // Its few particles may lie in one place.
-        let best = self.climb(cloud.mean, &(cloud.covariance + best_known()), tiles);
+        let best = self.climb(cloud.mean, &(cloud.covariance + best_known(1.0)), tiles);
         let top = best.pose.in_world(self.table.anchor());
 
         let points: f64 = tiles.iter().map(|tile| f64::from(tile.count)).sum();
@@ -397,12 +397,15 @@ impl Localization {
         Estimate { world_from_robot: top, confidence }
     }
 
-    /// Can the robot have come here from the last top? At a place that only looks like the right one the tops jump.
+    /// Can the robot have come here from the last top? At a place that only looks like the right one the tops jump. Where
+    /// walls are known badly they do so anywhere.
     fn is_expected(&self, top: Pose) -> bool {
         let Some(last) = self.estimate else { return true };
         let off = top.seen_from(last.world_from_robot * self.motion.mean);
         let off = Vector3::new(off.x, off.y, off.heading);
-        let information = (self.motion.covariance + best_known()).try_inverse();
+        let wall_sigma = (-self.log_peak).exp() / TAU.sqrt();
+        let times = (wall_sigma / BEST_KNOWN.x).max(1.0);
+        let information = (self.motion.covariance + best_known(times)).try_inverse();
         information.is_none_or(|information| off.dot(&(information * off)) <= NEARLY_ALL)
     }
 
@@ -517,9 +520,9 @@ fn log_peak(clusters: &[Cluster], likelihood: &LikelihoodConfig) -> f64 {
     if length > 0.0 { sum / length } else { f64::from(likelihood.log_outlier()) }
 }
 
-/// The covariance of [`BEST_KNOWN`].
-fn best_known() -> Matrix3<f64> {
-    Matrix3::from_diagonal(&BEST_KNOWN.component_mul(&BEST_KNOWN))
+/// The covariance of a pose that is known so many times worse than [`BEST_KNOWN`].
+fn best_known(times: f64) -> Matrix3<f64> {
+    Matrix3::from_diagonal(&BEST_KNOWN.map(|sigma| (times * sigma).powi(2)))
 }
 
 /// The bin of a pose.
@@ -595,6 +598,7 @@ mod tests {
         let grid = OccupancyGrid::new(1.0, Pose::IDENTITY, 1, 1, vec![Cell::Free]).unwrap();
         let map = KnownMap { clusters: Vec::new(), free: FreeArea::from_grid(&grid, []).unwrap() };
         let mut filter = Localization::new(map, None, Config::default(), None);
+        filter.log_peak = -(0.01 * TAU.sqrt()).ln();
         assert!(filter.is_expected(Pose::new(100.0, 0.0, 0.0)), "nothing is known at first");
         let world_from_robot = Pose::new(5.0, 3.0, 3.1);
         let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: false };
@@ -606,6 +610,11 @@ mod tests {
         assert!(is_expected(0.0, 0.0, 0.17) && is_expected(0.0, 0.0, -0.17));
         assert!(!is_expected(0.45, 0.0, 0.0) && !is_expected(0.0, -0.45, 0.0) && !is_expected(0.0, 0.0, 0.18));
         assert!(!is_expected(0.33, 0.33, 0.0), "both together");
+
+        // Walls that are known to 16 cm: with the 12 cm of the motion 20 cm, of which 3.37 are 67 cm.
+        filter.log_peak = -(0.16 * TAU.sqrt()).ln();
+        let is_expected = |x| filter.is_expected(world_from_robot * Pose::new(1.0 + x, 0.0, 0.1));
+        assert!(is_expected(0.67) && !is_expected(0.68));
     }
 
     #[test]
