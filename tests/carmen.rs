@@ -11,13 +11,17 @@ use flate2::{Compression, write::GzEncoder};
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::{CarmenLog, CarmenReader, CarmenWriter, implied_angles};
 use ipslam::io::{LaserReading, LogEntry, LogError, LogSource as _};
-use logs::{Outcome, drain, same, same_pose};
+use logs::{Outcome, drain, same_pose};
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::io::{Cursor, Read, Write as _};
 
 /// Numbers are written with all their digits; the laser's pose is a sum, rounded within 100 km of the origin.
 const TOLERANCE: f64 = 1e-9;
+
+fn same(a: &LogEntry, b: &LogEntry) -> bool {
+    logs::same(a, b, TOLERANCE, TOLERANCE)
+}
 
 fn read_from(bytes: impl Read + Send + 'static) -> Outcome {
     drain(&mut CarmenReader::from_reader("test.clf", bytes).unwrap())
@@ -113,11 +117,7 @@ fn good_lines() {
             let outcome = read(bytes);
             assert!(outcome.error.is_none(), "{line}: {:?}", outcome.error);
             assert_eq!(outcome.entries.len(), 1, "{line}: {:?}", outcome.stats);
-            assert!(
-                same(&outcome.entries[0], &expected, TOLERANCE),
-                "{line}: {:?}, not {expected:?}",
-                outcome.entries[0]
-            );
+            assert!(same(&outcome.entries[0], &expected), "{line}: {:?}, not {expected:?}", outcome.entries[0]);
             assert_eq!((outcome.stats.malformed, outcome.stats.lines), (0, 1), "{line}");
         }
     }
@@ -508,7 +508,7 @@ proptest! {
         let outcome = read(&line);
         prop_assert!(outcome.error.is_none() && outcome.stats.malformed == 0, "{:?}", outcome.stats);
         prop_assert_eq!(outcome.entries.len(), 1);
-        prop_assert!(same(&outcome.entries[0], &entry, TOLERANCE), "{:?} from {}", outcome.entries[0], line);
+        prop_assert!(same(&outcome.entries[0], &entry), "{:?} from {}", outcome.entries[0], line);
     }
 
     #[test]
@@ -528,7 +528,7 @@ proptest! {
                 _ => reading.ranges[0] = 123.0,
             },
         }
-        prop_assert!(same(&entry, &entry, TOLERANCE) && !same(&entry, &other, TOLERANCE));
+        prop_assert!(same(&entry, &entry) && !same(&entry, &other));
     }
 }
 

@@ -32,8 +32,8 @@ pub fn same_pose(a: Pose, b: Pose, tolerance: f64) -> bool {
         && wrap_angle(a.heading - b.heading).abs() <= tolerance
 }
 
-/// Every number; stamps and ranges bit for bit, poses and angles within a tolerance.
-pub fn same(a: &LogEntry, b: &LogEntry, tolerance: f64) -> bool {
+/// Every number; stamps and ranges bit for bit, poses and the angles of beams each within a tolerance.
+pub fn same(a: &LogEntry, b: &LogEntry, tolerance: f64, angle_tolerance: f64) -> bool {
     match (a, b) {
         (
             LogEntry::Odometry { stamp, odom_from_robot },
@@ -48,8 +48,8 @@ pub fn same(a: &LogEntry, b: &LogEntry, tolerance: f64) -> bool {
             a.stamp == b.stamp
                 && same_pose(a.odom_from_robot, b.odom_from_robot, tolerance)
                 && same_pose(a.robot_from_laser, b.robot_from_laser, tolerance)
-                && (a.first_angle - b.first_angle).abs() <= tolerance
-                && (a.angle_step - b.angle_step).abs() <= tolerance
+                && (a.first_angle - b.first_angle).abs() <= angle_tolerance
+                && (a.angle_step - b.angle_step).abs() <= angle_tolerance
                 && a.max_range == b.max_range
                 && bits(&a.ranges) == bits(&b.ranges)
         }
