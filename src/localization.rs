@@ -617,6 +617,48 @@ mod tests {
         assert!(is_expected(0.67) && !is_expected(0.68));
     }
 
+    /// The scan, the cloud and the map are the same; only where the robot was before is not.
+    #[test]
+    fn a_pose_that_jumped_is_not_relied_on() {
+        let wall = |x: f64, y: f64, length: f64, direction: Vector2<f64>| Cluster {
+            mean: Point2::new(x, y),
+            direction,
+            along_variance: length * length / 12.0,
+            across_variance: 1e-4,
+            count: 100.0,
+        };
+        let walls = [
+            wall(3.0, 0.0, 6.0, Vector2::x()),
+            wall(3.0, 4.0, 6.0, Vector2::x()),
+            wall(0.0, 2.0, 4.0, Vector2::y()),
+            wall(6.0, 2.0, 4.0, Vector2::y()),
+        ];
+        let grid = OccupancyGrid::new(1.0, Pose::IDENTITY, 6, 4, vec![Cell::Free; 24]).unwrap();
+        let map = KnownMap { clusters: walls.to_vec(), free: FreeArea::from_grid(&grid, []).unwrap() };
+        let mut filter = Localization::new(map, None, Config::default(), None);
+        let robot = Pose::new(2.0, 1.5, 0.3);
+        let seen = |wall: &Cluster, step: i32| {
+            let at = wall.mean + wall.direction * (f64::from(step) / 20.0 * (3.0 * wall.along_variance).sqrt());
+            Pose::new(at.x, at.y, 0.0).seen_from(robot).position()
+        };
+        let points: Vec<Point2<f64>> =
+            walls.iter().flat_map(|wall| (-18..=18).map(move |step| seen(wall, step))).collect();
+        let tiles = tiles(&points, 180);
+        let mean = LocalPose::new(robot, filter.table.anchor()).in_world(Point2::origin());
+        let cloud = Cloud { mean, covariance: Matrix3::identity() * 0.01, weight: 1.0 };
+        let mut located = |before: Pose| {
+            let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: true };
+            filter.estimate = Some(Estimate { world_from_robot: before, confidence });
+            filter.good_steps = 10;
+            let Estimate { world_from_robot, confidence } = filter.locate(&cloud, &tiles);
+            let off = world_from_robot.seen_from(robot);
+            assert!(off.x.hypot(off.y) < 0.01 && off.heading.abs() < 0.01, "{world_from_robot:?}");
+            confidence.is_located
+        };
+        assert!(located(robot) && located(robot * Pose::new(0.1, 0.0, 0.0)));
+        assert!(!located(robot * Pose::new(0.3, 0.0, 0.0)) && !located(robot * Pose::new(0.0, 0.0, 0.2)));
+    }
+
     #[test]
     fn bins_are_half_a_metre_and_ten_degrees() {
         let pose = |x: f32, y: f32, degrees: f32| LocalPose { x, y, heading: degrees.to_radians() };
