@@ -10,13 +10,14 @@
 //!   D. Fox, "Probabilistic Robotics", table 8.3), so that a robot that was carried away is found again.
 //! - The pose that is told is not the mean of the particles but the top of the posterior around their mode, climbed to in
 //!   the map as it is ([`Evaluator::propagate`]); and it is told only where the mode has nearly all of the weight, the map
-//!   explains the scan there, and the robot can have come there from the top before.
+//!   explains the scan there, the scan does not look through the map's walls, and the robot can have come there from the
+//!   top before.
 
 use crate::config::Config;
 use crate::evaluator::failover::Failover;
 use crate::evaluator::grouping::sort_by_place;
-use crate::evaluator::layout::{ClusterParams, LikelihoodConfig, LocalPose, Tile, tiles};
-use crate::evaluator::symmetric::{noise_of, packed};
+use crate::evaluator::layout::{ClusterParams, LikelihoodConfig, LocalPose, Tile, reach, tiles};
+use crate::evaluator::symmetric::{noise_of, packed, unpacked};
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::{Advance, Evaluator, EvaluatorError, Mode, Propagation, Scene, Start, Weighed, highest};
 use crate::filter::{effective_sample_size, normalised, resample};
@@ -61,7 +62,8 @@ pub struct LocalizationConfig {
     pub fast_memory: f64,
     /// The robot is located where one place has this share of the weight ...
     pub located_weight: f64,
-    /// ... the map explains this share of what it could explain of the scan at best ...
+    /// ... the map explains this share of what it could explain of the scan at best, less the share of the points that
+    /// are behind its walls ...
     pub located_explained: f64,
     /// ... and both has been so, at poses that the robot can have moved between, for about this many steps: rooms look
     /// alike, but not the way from one to the next.
@@ -149,16 +151,17 @@ pub struct Localization {
     estimate: Option<Estimate>,
     /// How well scans fit: long and short memory. At first as if they had just been good enough.
     memory: [f64; 2],
-    /// Steps at which the pose could be relied on, less four for each at which it could not; up to twice as many as are
-    /// wanted.
+    /// Steps at which the pose could be relied on, less those at which it could not; up to twice as many as are wanted.
     good_steps: u32,
     /// Of the looks between steps, since the last one.
     times: StageTimes,
     steps: u32,
     /// Laser readings so far.
     readings: u32,
-    /// The motion since the last step.
-    motion: Motion,
+    /// The motion since the last step, by odometry alone ...
+    by_odometry: Motion,
+    /// ... and corrected by the scans, where the robot is located.
+    tracked: Motion,
     last_odometry: Option<Pose>,
 }
 
@@ -196,7 +199,8 @@ impl Localization {
             times: StageTimes::default(),
             steps: 0,
             readings: 0,
-            motion: Motion::none(),
+            by_odometry: Motion::none(),
+            tracked: Motion::none(),
             last_odometry: None,
         };
         let first = this.first_particles();
@@ -212,7 +216,7 @@ impl Localization {
     /// Where the robot is by the last step and its motion since; `None` before the first scan.
     pub fn estimate(&self) -> Option<Estimate> {
         let moved = |estimate: Estimate| Estimate {
-            world_from_robot: estimate.world_from_robot * self.motion.mean,
+            world_from_robot: estimate.world_from_robot * self.tracked.mean,
             ..estimate
         };
         self.estimate.map(moved)
@@ -234,7 +238,7 @@ impl Localization {
                 let mut track_seconds = 0.0;
                 timed(&mut track_seconds, || self.track(&tiles));
                 self.times.track += track_seconds;
-                if self.steps == 0 || !self.config.filter.is_too_near(self.motion.mean) {
+                if self.steps == 0 || !self.config.filter.is_too_near(self.tracked.mean) {
                     self.step(&scan, &tiles, reading.odom_from_robot, on_step);
                 }
             }
@@ -244,7 +248,9 @@ impl Localization {
 
     fn follow(&mut self, odom_from_robot: Pose) {
         if let Some(last) = self.last_odometry.replace(odom_from_robot) {
-            self.motion = self.motion.then(&Motion::from_odometry(last, odom_from_robot, &self.config.motion));
+            let since = Motion::from_odometry(last, odom_from_robot, &self.config.motion);
+            self.by_odometry = self.by_odometry.then(&since);
+            self.tracked = self.tracked.then(&since);
         }
     }
 
@@ -286,17 +292,18 @@ impl Localization {
         };
         on_step(&report);
         self.estimate = Some(estimate);
-        self.motion = Motion::none();
+        self.by_odometry = Motion::none();
+        self.tracked = Motion::none();
         self.steps += 1;
     }
 
     fn advance(&mut self, tiles: &[Tile]) -> Vec<Weighed> {
-        let Pose { x, y, heading } = self.motion.mean;
+        let Pose { x, y, heading } = self.tracked.mean;
         let how = Advance {
             seed: self.config.seed,
             step: self.steps,
             motion: [x, y, heading].map(|number| number as f32),
-            noise: noise_of(&self.motion.covariance),
+            noise: noise_of(&self.by_odometry.covariance),
             capture_sigma: self.capture_sigma as f32,
         };
         let scene = Scene { table: &self.table, tiles, maps: &self.slots };
@@ -360,7 +367,7 @@ impl Localization {
             capture_sigma: self.capture_sigma as f32,
             spread: 0.0,
         };
-        let reach = tiles.iter().map(Tile::reach).fold(0.0, f32::max) + how.longest_way();
+        let reach = reach(tiles) + how.longest_way();
         let maps = [self.table.near(&self.slots[0], mean.x, mean.y, reach)];
         let scene = Scene { table: &self.table, tiles, maps: &maps };
         highest(self.evaluator.propagate(&scene, &how)).unwrap_or_default()
@@ -370,10 +377,15 @@ impl Localization {
     fn track(&mut self, tiles: &[Tile]) {
         let Some(estimate) = self.estimate.filter(|estimate| estimate.confidence.is_located) else { return };
         let anchor = self.table.anchor();
-        let expected = LocalPose::new(estimate.world_from_robot * self.motion.mean, anchor).in_world(Point2::origin());
-        let covariance = self.motion.covariance;
-        let found = self.climb(expected, &covariance, tiles).pose.in_world(anchor);
-        self.motion.mean = found.seen_from(estimate.world_from_robot);
+        let expected = LocalPose::new(estimate.world_from_robot * self.tracked.mean, anchor).in_world(Point2::origin());
+        let covariance = self.tracked.covariance;
+        let found = self.climb(expected, &covariance, tiles);
+        let mean = found.pose.in_world(anchor).seen_from(estimate.world_from_robot);
+        // In a long corridor, or where the map shows little, a scan may hold back the pose while the robot drives on.
+        if is_near(mean, &self.by_odometry, best_known(1.0)) {
+            self.tracked.mean = mean;
+            self.tracked.covariance = unpacked(found.information).try_inverse().unwrap_or(covariance);
+        }
     }
 
     /// Climbs to the top of the posterior around a cloud, and judges it.
@@ -386,27 +398,37 @@ impl Localization {
         let log_outlier = f64::from(self.table.log_outlier());
         let most = points * (self.log_peak - log_outlier);
         let gained = f64::from(best.log_likelihood) - points * log_outlier;
-        let explained = if most > 0.0 { (gained / most).clamp(0.0, 1.0) } else { 0.0 };
+        let gained = if most > 0.0 { gained / most } else { 0.0 };
+        let explained = (gained - self.seen_through_walls(top, tiles)).clamp(0.0, 1.0);
         let LocalizationConfig { located_weight, located_explained, located_steps, .. } = self.config.localization;
         let is_good = cloud.weight >= located_weight && explained >= located_explained && self.is_expected(top);
-        // A bad step costs four good ones, so that a moment of doubt is no new start.
-        let good = if is_good { self.good_steps + 1 } else { self.good_steps.saturating_sub(4) };
+        // A bad step costs a good one, so that a moment of doubt is no new start.
+        let good = if is_good { self.good_steps + 1 } else { self.good_steps.saturating_sub(1) };
         self.good_steps = good.min(located_steps.saturating_mul(2));
         let is_located = is_good && self.good_steps >= located_steps;
         let confidence = Confidence { weight: cloud.weight, explained, is_located };
         Estimate { world_from_robot: top, confidence }
     }
 
+    /// Share of the points that are behind a wall of the map, seen from here. The likelihood (eq. 18) does not ask what
+    /// is between the robot and a point; a place that only looks like the right one is given away by it.
+    fn seen_through_walls(&self, world_from_robot: Pose, tiles: &[Tile]) -> f64 {
+        let (robot, margin) = (world_from_robot.position(), 3.0 * self.config.localization.least_sigma);
+        let reach = f64::from(reach(tiles));
+        let is_near = |wall: &&Cluster| nalgebra::distance(&wall.mean, &robot) < reach + 0.5 * wall.length();
+        let walls: Vec<&Cluster> = self.map.clusters.iter().filter(is_near).collect();
+        let points = || tiles.iter().flat_map(Tile::points).map(|point| world_from_robot * point);
+        let is_behind = |point: &Point2<f64>| walls.iter().any(|wall| wall.separates(robot, *point, margin));
+        points().filter(is_behind).count() as f64 / points().count().max(1) as f64
+    }
+
     /// Can the robot have come here from the last top? At a place that only looks like the right one the tops jump. Where
     /// walls are known badly they do so anywhere.
     fn is_expected(&self, top: Pose) -> bool {
         let Some(last) = self.estimate else { return true };
-        let off = top.seen_from(last.world_from_robot * self.motion.mean);
-        let off = Vector3::new(off.x, off.y, off.heading);
         let wall_sigma = (-self.log_peak).exp() / TAU.sqrt();
         let times = (wall_sigma / BEST_KNOWN.x).max(1.0);
-        let information = (self.motion.covariance + best_known(times)).try_inverse();
-        information.is_none_or(|information| off.dot(&(information * off)) <= NEARLY_ALL)
+        is_near(top.seen_from(last.world_from_robot), &self.by_odometry, best_known(times))
     }
 
     /// Renews both memories; returns the share of particles that should come from anywhere.
@@ -520,6 +542,14 @@ fn log_peak(clusters: &[Cluster], likelihood: &LikelihoodConfig) -> f64 {
     if length > 0.0 { sum / length } else { f64::from(likelihood.log_outlier()) }
 }
 
+/// Whether nearly all motions, with this much more of doubt, come as close to the mean as this one.
+fn is_near(mean: Pose, motion: &Motion, more: Matrix3<f64>) -> bool {
+    let off = mean.seen_from(motion.mean);
+    let off = Vector3::new(off.x, off.y, off.heading);
+    let information = (motion.covariance + more).try_inverse();
+    information.is_none_or(|information| off.dot(&(information * off)) <= NEARLY_ALL)
+}
+
 /// The covariance of a pose that is known so many times worse than [`BEST_KNOWN`].
 fn best_known(times: f64) -> Matrix3<f64> {
     Matrix3::from_diagonal(&BEST_KNOWN.map(|sigma| (times * sigma).powi(2)))
@@ -604,7 +634,7 @@ mod tests {
         let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: false };
         filter.estimate = Some(Estimate { world_from_robot, confidence });
         let covariance = Matrix3::from_diagonal(&Vector3::new(0.12_f64, 0.12, 0.048).map(|sigma| sigma * sigma));
-        filter.motion = Motion { mean: Pose::new(1.0, 0.0, 0.1), covariance };
+        filter.by_odometry = Motion { mean: Pose::new(1.0, 0.0, 0.1), covariance };
         let is_expected = |x, y, turn| filter.is_expected(world_from_robot * Pose::new(1.0 + x, y, 0.1 + turn));
         assert!(is_expected(0.0, 0.0, 0.0) && is_expected(0.43, 0.0, 0.0) && is_expected(0.0, -0.43, 0.0));
         assert!(is_expected(0.0, 0.0, 0.17) && is_expected(0.0, 0.0, -0.17));
@@ -617,46 +647,98 @@ mod tests {
         assert!(is_expected(0.67) && !is_expected(0.68));
     }
 
+    /// A wall in the order of its points, known to 1 cm.
+    fn wall(x: f64, y: f64, length: f64, direction: Vector2<f64>) -> Cluster {
+        let along_variance = length * length / 12.0;
+        Cluster { mean: Point2::new(x, y), direction, along_variance, across_variance: 1e-4, count: 100.0 }
+    }
+
+    /// The walls of a room of 6 by 4 m.
+    fn room() -> Vec<Cluster> {
+        let (x, y) = (Vector2::x(), Vector2::y());
+        vec![wall(3.0, 0.0, 6.0, x), wall(3.0, 4.0, 6.0, x), wall(0.0, 2.0, 4.0, y), wall(6.0, 2.0, 4.0, y)]
+    }
+
+    /// Where the robot is in the room.
+    const ROBOT: Pose = Pose { x: 2.0, y: 1.5, heading: 0.3 };
+
+    /// What it sees of the room's walls, in the world's frame.
+    fn seen() -> Vec<Point2<f64>> {
+        let point = |wall: &Cluster, step: i32| wall.mean + wall.direction * (f64::from(step) / 40.0 * wall.length());
+        room().iter().flat_map(|wall| (-18..=18).map(move |step| point(wall, step))).collect()
+    }
+
+    /// The same as the filter takes it.
+    fn tiles_seen() -> Vec<Tile> {
+        let points: Vec<Point2<f64>> = seen().into_iter().map(|point| ROBOT.inverse() * point).collect();
+        tiles(&points, 180)
+    }
+
+    /// A filter with these walls, and good reasons to believe in the pose where it last was.
+    fn filter(clusters: Vec<Cluster>, before: Pose) -> Localization {
+        let grid = OccupancyGrid::new(1.0, Pose::IDENTITY, 6, 4, vec![Cell::Free; 24]).unwrap();
+        let map = KnownMap { clusters, free: FreeArea::from_grid(&grid, []).unwrap() };
+        let mut filter = Localization::new(map, None, Config::default(), None);
+        let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: true };
+        filter.estimate = Some(Estimate { world_from_robot: before, confidence });
+        filter.good_steps = 10;
+        filter
+    }
+
+    /// What it thinks of a cloud around the robot.
+    fn locate(mut filter: Localization) -> Confidence {
+        let mean = LocalPose::new(ROBOT, filter.table.anchor()).in_world(Point2::origin());
+        let cloud = Cloud { mean, covariance: Matrix3::identity() * 0.01, weight: 1.0 };
+        let Estimate { world_from_robot, confidence } = filter.locate(&cloud, &tiles_seen());
+        let off = world_from_robot.seen_from(ROBOT);
+        assert!(off.x.hypot(off.y) < 0.01 && off.heading.abs() < 0.01, "{world_from_robot:?}");
+        confidence
+    }
+
     /// The scan, the cloud and the map are the same; only where the robot was before is not.
     #[test]
     fn a_pose_that_jumped_is_not_relied_on() {
-        let wall = |x: f64, y: f64, length: f64, direction: Vector2<f64>| Cluster {
-            mean: Point2::new(x, y),
-            direction,
-            along_variance: length * length / 12.0,
-            across_variance: 1e-4,
-            count: 100.0,
+        let is_located = |moved: Pose| locate(filter(room(), ROBOT * moved)).is_located;
+        assert!(is_located(Pose::IDENTITY) && is_located(Pose::new(0.1, 0.0, 0.0)));
+        assert!(!is_located(Pose::new(0.3, 0.0, 0.0)) && !is_located(Pose::new(0.0, 0.0, 0.2)));
+    }
+
+    /// Every point lies on a wall of the map, but some are behind another one, which goes through all of the room.
+    #[test]
+    fn a_pose_that_looks_through_walls_is_not_relied_on() {
+        let open = locate(filter(room(), ROBOT));
+        let confidence = |x: f64| locate(filter([room(), vec![wall(x, 2.0, 4.0, Vector2::y())]].concat(), ROBOT));
+        // The line to the point meets the wall at this height; margins are 0.3 m.
+        let height = |point: &Point2<f64>, x: f64| ROBOT.y + (point.y - ROBOT.y) * (x - ROBOT.x) / (point.x - ROBOT.x);
+        let is_behind = |point: &&Point2<f64>, x: f64| point.x > x + 0.3 && (0.3..3.7).contains(&height(point, x));
+        for x in [3.0, 5.0] {
+            let behind = seen().iter().filter(|point| is_behind(point, x)).count() as f64 / seen().len() as f64;
+            let (found, expected) = (confidence(x).explained, open.explained - behind);
+            assert!(behind > 0.1 && (found - expected).abs() < 1e-2, "wall at {x} m: {found}, not {expected}");
+        }
+        assert!(open.is_located && confidence(5.0).is_located && !confidence(3.0).is_located);
+    }
+
+    /// The scan says that the robot stands still.
+    #[test]
+    fn the_scan_corrects_odometry_but_cannot_hold_back_the_robot() {
+        let tracked = |odometry: f64| {
+            let mut filter = filter(room(), ROBOT);
+            let motion = |sigma: f64| Motion {
+                mean: Pose::new(odometry, 0.0, 0.0),
+                covariance: Matrix3::identity() * (sigma * sigma),
+            };
+            filter.by_odometry = motion(0.05);
+            filter.tracked = motion(1.0);
+            filter.track(&tiles_seen());
+            assert_eq!(filter.by_odometry, motion(0.05));
+            filter.tracked
         };
-        let walls = [
-            wall(3.0, 0.0, 6.0, Vector2::x()),
-            wall(3.0, 4.0, 6.0, Vector2::x()),
-            wall(0.0, 2.0, 4.0, Vector2::y()),
-            wall(6.0, 2.0, 4.0, Vector2::y()),
-        ];
-        let grid = OccupancyGrid::new(1.0, Pose::IDENTITY, 6, 4, vec![Cell::Free; 24]).unwrap();
-        let map = KnownMap { clusters: walls.to_vec(), free: FreeArea::from_grid(&grid, []).unwrap() };
-        let mut filter = Localization::new(map, None, Config::default(), None);
-        let robot = Pose::new(2.0, 1.5, 0.3);
-        let seen = |wall: &Cluster, step: i32| {
-            let at = wall.mean + wall.direction * (f64::from(step) / 20.0 * (3.0 * wall.along_variance).sqrt());
-            Pose::new(at.x, at.y, 0.0).seen_from(robot).position()
-        };
-        let points: Vec<Point2<f64>> =
-            walls.iter().flat_map(|wall| (-18..=18).map(move |step| seen(wall, step))).collect();
-        let tiles = tiles(&points, 180);
-        let mean = LocalPose::new(robot, filter.table.anchor()).in_world(Point2::origin());
-        let cloud = Cloud { mean, covariance: Matrix3::identity() * 0.01, weight: 1.0 };
-        let mut located = |before: Pose| {
-            let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: true };
-            filter.estimate = Some(Estimate { world_from_robot: before, confidence });
-            filter.good_steps = 10;
-            let Estimate { world_from_robot, confidence } = filter.locate(&cloud, &tiles);
-            let off = world_from_robot.seen_from(robot);
-            assert!(off.x.hypot(off.y) < 0.01 && off.heading.abs() < 0.01, "{world_from_robot:?}");
-            confidence.is_located
-        };
-        assert!(located(robot) && located(robot * Pose::new(0.1, 0.0, 0.0)));
-        assert!(!located(robot * Pose::new(0.3, 0.0, 0.0)) && !located(robot * Pose::new(0.0, 0.0, 0.2)));
+        // √11.345 √(0.05² + 0.05²) are 0.238 m.
+        let Motion { mean, covariance } = tracked(0.22);
+        assert!(mean.x.hypot(mean.y) < 0.01 && mean.heading.abs() < 0.01, "{mean:?}");
+        assert!(covariance.diagonal().iter().all(|variance| (0.0..1e-3).contains(variance)), "{covariance}");
+        assert_eq!(tracked(0.26).mean, Pose::new(0.26, 0.0, 0.0));
     }
 
     #[test]

@@ -133,6 +133,19 @@ impl Cluster {
         }
     }
 
+    /// Whether the wall stands between two points, beyond doubt: they are on either side of it, and the line between them
+    /// meets it away from its ends, each by more than `margin` \[m\] and three standard deviations across.
+    pub fn separates(&self, one: Point2<f64>, other: Point2<f64>, margin: f64) -> bool {
+        let margin = margin.max(3.0 * self.across_variance.sqrt());
+        let [one, other] = [one, other].map(|point| point - self.mean);
+        let [a, b] = [one, other].map(|offset| self.normal().dot(&offset));
+        if a * b >= 0.0 || a.abs().min(b.abs()) <= margin {
+            return false;
+        }
+        let met = one.lerp(&other, a / (a - b));
+        self.direction.dot(&met).abs() < 0.5 * self.length() - margin
+    }
+
     /// Ends of the wall that the cluster stands for: √3 standard deviations either side of the centre, where a
     /// uniformly covered segment of the same variance ends.
     pub fn endpoints(&self) -> [Point2<f64>; 2] {
@@ -222,6 +235,34 @@ mod tests {
         let cluster = Cluster::fit(square).unwrap();
         assert!((cluster.along_variance - 0.25).abs() < 1e-15 && (cluster.across_variance - 0.25).abs() < 1e-15);
         assert!(Cluster::fit([]).is_none());
+    }
+
+    /// A wall of 4 m along the y axis that is known to 1 cm, or to 20 cm.
+    #[test]
+    fn a_wall_separates_what_is_clearly_on_either_side_of_it() {
+        let wall = |across: f64| Cluster {
+            mean: Point2::new(10.0, 5.0),
+            direction: Vector2::y(),
+            along_variance: 16.0 / 12.0,
+            across_variance: across * across,
+            count: 100.0,
+        };
+        let separates = |across: f64, [ax, ay, bx, by]: [f64; 4]| {
+            let (a, b) = (Point2::new(ax, ay), Point2::new(bx, by));
+            let (one, other) = (wall(across).separates(a, b, 0.3), wall(across).separates(b, a, 0.3));
+            assert_eq!(one, other, "either way the same");
+            one
+        };
+        assert!(separates(0.01, [8.0, 5.0, 12.0, 5.0]) && separates(0.01, [9.69, 3.31, 10.31, 3.31]));
+        // It meets the wall 1.65 m from its middle, but begins beyond its end.
+        assert!(separates(0.01, [8.0, 8.65, 12.0, 4.65]));
+        assert!(!separates(0.01, [8.0, 5.0, 9.0, 6.0]), "on one side");
+        assert!(!separates(0.01, [9.71, 5.0, 12.0, 5.0]), "starts at the wall");
+        assert!(!separates(0.01, [8.0, 5.0, 10.29, 5.0]), "ends at the wall");
+        assert!(!separates(0.01, [8.0, 6.75, 12.0, 6.75]) && !separates(0.01, [8.0, 3.25, 12.0, 3.25]), "near an end");
+        assert!(!separates(0.01, [10.0, 1.0, 10.0, 9.0]), "along it");
+        assert!(separates(0.2, [9.3, 5.0, 10.7, 5.0]), "three standard deviations");
+        assert!(!separates(0.2, [9.5, 5.0, 12.0, 5.0]) && !separates(0.2, [8.0, 6.5, 12.0, 6.5]), "known badly");
     }
 
     /// Eq. 9 written out with the general inverse and determinant.

@@ -12,7 +12,7 @@
 use crate::clustering::cluster_points;
 use crate::config::Config;
 use crate::evaluator::failover::Failover;
-use crate::evaluator::layout::{LocalPose, Tile, tiles};
+use crate::evaluator::layout::{LocalPose, Tile, reach, tiles};
 use crate::evaluator::symmetric::{noise_of, packed, unpacked};
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::{Evaluator, EvaluatorError, Propagation, Proposal, Scene, Start, highest};
@@ -399,8 +399,7 @@ impl Slam {
 
     /// Those clusters of a map that a scan can meet, from wherever the robot is within `way` \[m\] of a pose.
     fn near(&self, map: &Map, pose: LocalPose, tiles: &[Tile], way: f32) -> Vec<Slot> {
-        let reach = tiles.iter().map(Tile::reach).fold(0.0, f32::max);
-        self.table.near(&map.slots, pose.x, pose.y, reach + way)
+        self.table.near(&map.slots, pose.x, pose.y, reach(tiles) + way)
     }
 
     fn clusters_of(&self, hypothesis: &Hypothesis) -> Vec<Cluster> {

@@ -177,10 +177,21 @@ pub struct Tile {
 }
 
 impl Tile {
+    /// The points that count, in the robot's frame \[m\].
+    pub fn points(&self) -> impl Iterator<Item = Point2<f64>> + '_ {
+        let point = |(&x, &y): (&f32, &f32)| Point2::new(f64::from(x), f64::from(y));
+        self.x.iter().zip(&self.y).take(self.count as usize).map(point)
+    }
+
     /// No point of it is further from the robot \[m\].
     pub fn reach(&self) -> f32 {
         self.centre[0].hypot(self.centre[1]) + self.radius
     }
+}
+
+/// No point is further from the robot \[m\].
+pub fn reach(tiles: &[Tile]) -> f32 {
+    tiles.iter().map(Tile::reach).fold(0.0, f32::max)
 }
 
 /// Every so-manieth point, so that there are at most `max_points`, in tiles.

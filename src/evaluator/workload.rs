@@ -3,7 +3,7 @@
 use super::cpu::{View, advance_all, weigh_all};
 use super::cull::{Candidates, LocalMap};
 use super::grouping::by_place;
-use super::layout::{LikelihoodConfig, LocalPose, TILE, Tile, tiles};
+use super::layout::{LikelihoodConfig, LocalPose, TILE, Tile, reach, tiles};
 use super::symmetric::Cholesky;
 use super::table::ClusterTable;
 use super::{Advance, Evaluator, EvaluatorError, Scene, Weighed};
@@ -42,8 +42,7 @@ impl Workload {
         let mut table = ClusterTable::new(LikelihoodConfig::default());
         table.update(&mut pool, Pose::IDENTITY);
         let tiles = tiles(&scan(&walls, points), usize::MAX);
-        let reach = tiles.iter().map(Tile::reach).fold(0.0, f32::max);
-        let maps = [table.near(&slots, 0.0, 0.0, reach + 1.0)];
+        let maps = [table.near(&slots, 0.0, 0.0, reach(&tiles) + 1.0)];
         let near = |particle: u32| {
             let [x, y, heading, _] = normals(1, 0, particle, Draw::Motion);
             LocalPose { x: 0.1 * x, y: 0.1 * y, heading: 0.03 * heading }
