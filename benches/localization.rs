@@ -5,7 +5,7 @@
 //! ```
 //! The map and the trajectory are those of a run of the log, or of anything in the same frame. Each start takes up the log
 //! at another place, spread evenly, without a prior. A fix is right within 0.5 m and 10° of the trajectory. With `kidnap`
-//! the robot is set back to another place once it was located for 5 m.
+//! the robot is set back to another place once it was located for 5 m altogether.
 
 use ipslam::config::Config;
 use ipslam::evaluator::Evaluator;
@@ -167,7 +167,9 @@ fn follow(mut filter: Localization, entries: &[Entry], first: usize, elsewhere: 
                     outcome.errors.push(error);
                 }
             }
-            found_for = if confidence.is_located && is_right { found_for + moved.max(0.3) } else { 0.0 };
+            if confidence.is_located && is_right {
+                found_for += moved.max(0.3);
+            }
             if let Some(elsewhere) = elsewhere.filter(|_| !carried && found_for > CARRIED_AFTER) {
                 carried = true;
                 (way, seconds) = (0.0, 0.0);

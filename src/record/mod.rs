@@ -74,9 +74,10 @@ pub(crate) fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
 pub struct Confidence {
     /// Share of the weight of all particles that lies around the pose.
     pub weight: f64,
-    /// Share of what the map could explain of the scan at best that it does explain from there, 0 to 1.
+    /// Share of what the map could explain of the scan at best that it does explain from there, less the share of the
+    /// scan's points that are behind walls of the map, 0 to 1.
     pub explained: f64,
-    /// Whether both are enough.
+    /// Whether the pose can be relied on: both were enough for some steps, at poses that the robot can have moved between.
     pub is_located: bool,
 }
 
