@@ -382,7 +382,7 @@ impl Localization {
         let found = self.climb(expected, &covariance, tiles);
         let mean = found.pose.in_world(anchor).seen_from(estimate.world_from_robot);
         // In a long corridor, or where the map shows little, a scan may hold back the pose while the robot drives on.
-        if is_near(mean, &self.by_odometry, best_known(1.0)) {
+        if is_plausible(mean, &self.by_odometry, best_known(1.0)) {
             self.tracked.mean = mean;
             self.tracked.covariance = unpacked(found.information).try_inverse().unwrap_or(covariance);
         }
@@ -398,8 +398,8 @@ impl Localization {
         let log_outlier = f64::from(self.table.log_outlier());
         let most = points * (self.log_peak - log_outlier);
         let gained = f64::from(best.log_likelihood) - points * log_outlier;
-        let gained = if most > 0.0 { gained / most } else { 0.0 };
-        let explained = (gained - self.seen_through_walls(top, tiles)).clamp(0.0, 1.0);
+        let share = if most > 0.0 { gained / most } else { 0.0 };
+        let explained = (share - self.seen_through_walls(top, tiles)).clamp(0.0, 1.0);
         let LocalizationConfig { located_weight, located_explained, located_steps, .. } = self.config.localization;
         let is_good = cloud.weight >= located_weight && explained >= located_explained && self.is_expected(top);
         // A bad step costs a good one, so that a moment of doubt is no new start.
@@ -428,7 +428,7 @@ impl Localization {
         let Some(last) = self.estimate else { return true };
         let wall_sigma = (-self.log_peak).exp() / TAU.sqrt();
         let times = (wall_sigma / BEST_KNOWN.x).max(1.0);
-        is_near(top.seen_from(last.world_from_robot), &self.by_odometry, best_known(times))
+        is_plausible(top.seen_from(last.world_from_robot), &self.by_odometry, best_known(times))
     }
 
     /// Renews both memories; returns the share of particles that should come from anywhere.
@@ -542,8 +542,8 @@ fn log_peak(clusters: &[Cluster], likelihood: &LikelihoodConfig) -> f64 {
     if length > 0.0 { sum / length } else { f64::from(likelihood.log_outlier()) }
 }
 
-/// Whether nearly all motions, with this much more of doubt, come as close to the mean as this one.
-fn is_near(mean: Pose, motion: &Motion, more: Matrix3<f64>) -> bool {
+/// Whether this can have been the motion: nearly all are as close to the mean, with this much more of doubt.
+fn is_plausible(mean: Pose, motion: &Motion, more: Matrix3<f64>) -> bool {
     let off = mean.seen_from(motion.mean);
     let off = Vector3::new(off.x, off.y, off.heading);
     let information = (motion.covariance + more).try_inverse();
@@ -647,7 +647,7 @@ mod tests {
         assert!(is_expected(0.67) && !is_expected(0.68));
     }
 
-    /// A wall in the order of its points, known to 1 cm.
+    /// A wall around its middle, known to 1 cm.
     fn wall(x: f64, y: f64, length: f64, direction: Vector2<f64>) -> Cluster {
         let along_variance = length * length / 12.0;
         Cluster { mean: Point2::new(x, y), direction, along_variance, across_variance: 1e-4, count: 100.0 }
