@@ -65,7 +65,7 @@ pub struct LocalizationConfig {
     /// ... the map explains this share of what it could explain of the scan at best, less the share of the points that
     /// are behind its walls ...
     pub located_explained: f64,
-    /// ... and both has been so, at poses that the robot can have moved between, for about this many steps: rooms look
+    /// ... and both have been so, at poses that the robot can have moved between, for about this many steps: rooms look
     /// alike, but not the way from one to the next.
     pub located_steps: u32,
 }
@@ -399,7 +399,7 @@ impl Localization {
         let most = points * (self.log_peak - log_outlier);
         let gained = f64::from(best.log_likelihood) - points * log_outlier;
         let share = if most > 0.0 { gained / most } else { 0.0 };
-        let explained = (share - self.seen_through_walls(top, tiles)).clamp(0.0, 1.0);
+        let explained = (share - self.points_behind_walls(top, tiles) as f64 / points).clamp(0.0, 1.0);
         let LocalizationConfig { located_weight, located_explained, located_steps, .. } = self.config.localization;
         let is_good = cloud.weight >= located_weight && explained >= located_explained && self.is_expected(top);
         // A bad step costs a good one, so that a moment of doubt is no new start.
@@ -410,16 +410,14 @@ impl Localization {
         Estimate { world_from_robot: top, confidence }
     }
 
-    /// Share of the points that are behind a wall of the map, seen from here. The likelihood (eq. 18) does not ask what
+    /// How many points are behind a wall of the map, seen from here. The likelihood (eq. 18) does not ask what
     /// is between the robot and a point; a place that only looks like the right one is given away by it.
-    fn seen_through_walls(&self, world_from_robot: Pose, tiles: &[Tile]) -> f64 {
-        let (robot, margin) = (world_from_robot.position(), 3.0 * self.config.localization.least_sigma);
-        let reach = f64::from(reach(tiles));
-        let is_near = |wall: &&Cluster| nalgebra::distance(&wall.mean, &robot) < reach + 0.5 * wall.length();
-        let walls: Vec<&Cluster> = self.map.clusters.iter().filter(is_near).collect();
-        let points = || tiles.iter().flat_map(Tile::points).map(|point| world_from_robot * point);
-        let is_behind = |point: &Point2<f64>| walls.iter().any(|wall| wall.separates(robot, *point, margin));
-        points().filter(is_behind).count() as f64 / points().count().max(1) as f64
+    fn points_behind_walls(&self, world_from_robot: Pose, tiles: &[Tile]) -> usize {
+        let (robot, reach) = (world_from_robot.position(), f64::from(reach(tiles)));
+        let walls: Vec<&Cluster> = self.map.clusters.iter().filter(|wall| wall.may_be_within(reach, robot)).collect();
+        let least_sigma = self.config.localization.least_sigma;
+        let is_behind = |point: &Point2<f64>| walls.iter().any(|wall| wall.separates(robot, *point, least_sigma));
+        tiles.iter().flat_map(Tile::points).map(|point| world_from_robot * point).filter(is_behind).count()
     }
 
     /// Can the robot have come here from the last top? At a place that only looks like the right one the tops jump. Where

@@ -134,9 +134,10 @@ impl Cluster {
     }
 
     /// Whether the wall stands between two points, beyond doubt: they are on either side of it, and the line between them
-    /// meets it away from its ends, each by more than `margin` \[m\] and three standard deviations across.
-    pub fn separates(&self, one: Point2<f64>, other: Point2<f64>, margin: f64) -> bool {
-        let margin = margin.max(3.0 * self.across_variance.sqrt());
+    /// meets it away from its ends, each by more than three standard deviations across, none of them less than
+    /// `least_sigma` \[m\].
+    pub fn separates(&self, one: Point2<f64>, other: Point2<f64>, least_sigma: f64) -> bool {
+        let margin = 3.0 * self.across_variance.sqrt().max(least_sigma);
         let [one, other] = [one, other].map(|point| point - self.mean);
         let [a, b] = [one, other].map(|offset| self.normal().dot(&offset));
         if a * b >= 0.0 || a.abs().min(b.abs()) <= margin {
@@ -156,6 +157,11 @@ impl Cluster {
     /// Length of that wall \[m\].
     pub fn length(&self) -> f64 {
         (12.0 * self.along_variance).sqrt()
+    }
+
+    /// Whether some of that wall may be this close to a point \[m\]; false only where none is.
+    pub fn may_be_within(&self, reach: f64, point: Point2<f64>) -> bool {
+        (self.mean - point).norm() < reach + 0.5 * self.length()
     }
 
     /// The point of the cluster's line that explains a point best: projected to the latent line and back (Fig. 4d).
@@ -249,7 +255,7 @@ mod tests {
         };
         let separates = |across: f64, [ax, ay, bx, by]: [f64; 4]| {
             let (a, b) = (Point2::new(ax, ay), Point2::new(bx, by));
-            let (one, other) = (wall(across).separates(a, b, 0.3), wall(across).separates(b, a, 0.3));
+            let (one, other) = (wall(across).separates(a, b, 0.1), wall(across).separates(b, a, 0.1));
             assert_eq!(one, other, "either way the same");
             one
         };

@@ -108,8 +108,7 @@ struct Placed {
 fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Config) -> Placed {
     let tiles = tiles(&scan.points, usize::MAX);
     let reach = scan.points.iter().map(|p| p.coords.norm()).fold(0.0, f64::max) + 1.0;
-    let near: Vec<usize> =
-        (0..map.len()).filter(|&i| (map[i].mean - guess.position()).norm() < reach + 0.5 * map[i].length()).collect();
+    let near: Vec<usize> = (0..map.len()).filter(|&i| map[i].may_be_within(reach, guess.position())).collect();
     let origin = guess.position().map(f64::round);
     let params = near.iter().map(|&i| ClusterParams::new(&map[i], origin, &config.likelihood));
     let local = LocalMap::new(params, config.likelihood.log_outlier());
