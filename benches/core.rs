@@ -9,7 +9,7 @@ use ipslam::clustering::{ClusteringConfig, cluster_points};
 use ipslam::config::Config;
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::workload::{FLOP, Workload, instructions, peak_flops};
-use ipslam::io::{LogEntry, LogSource};
+use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::MapCluster;
 use ipslam::map::merging::merge_scan;
 use ipslam::ppca::Cluster;

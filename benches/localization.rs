@@ -10,8 +10,9 @@
 use ipslam::config::Config;
 use ipslam::evaluator::Evaluator;
 use ipslam::geometry::{Pose, StampedPose};
-use ipslam::io::{LogEntry, LogSource, carmen::CarmenLog, map_json, tum};
+use ipslam::io::{carmen::CarmenLog, map_json, tum};
 use ipslam::localization::{KnownMap, Localization, LocalizationConfig};
+use ipslam::log::{LogEntry, LogSource};
 use std::path::Path;
 use std::time::Instant;
 
@@ -133,7 +134,7 @@ fn follow(mut filter: Localization, entries: &[Entry], first: usize, elsewhere: 
     while way < FARTHEST + WATCHED {
         let (entry, truth) = &entries[index];
         let mut entry = entry.clone();
-        let (LogEntry::Laser(ipslam::io::LaserReading { odom_from_robot, stamp, .. })
+        let (LogEntry::Laser(ipslam::log::LaserReading { odom_from_robot, stamp, .. })
         | LogEntry::Odometry { odom_from_robot, stamp }) = &mut entry
         else {
             break;

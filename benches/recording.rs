@@ -7,7 +7,8 @@
 
 use ipslam::config::Config;
 use ipslam::io::mcap::Topics;
-use ipslam::io::{LogEntry, LogSource, open_log};
+use ipslam::io::open_log;
+use ipslam::log::{LogEntry, LogSource};
 use ipslam::record::rerun::{Level, RerunObserver};
 use ipslam::record::{Observer, RunInfo, Task};
 use ipslam::simulate::Simulation;

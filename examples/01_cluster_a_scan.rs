@@ -1,7 +1,7 @@
 //! One scan as points, and the same scan as a handful of line clusters: `cargo run --example 01_cluster_a_scan`.
 
 use ipslam::clustering::{ClusteringConfig, cluster_points};
-use ipslam::io::{LogEntry, LogError, LogSource};
+use ipslam::log::{LogEntry, LogError, LogSource};
 use ipslam::scan::Scan;
 use ipslam::simulate::Simulation;
 

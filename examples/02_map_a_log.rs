@@ -4,7 +4,8 @@
 
 use ipslam::config::Config;
 use ipslam::io::mcap::Topics;
-use ipslam::io::{LogSource, open_log, write_whole};
+use ipslam::io::{open_log, write_whole};
+use ipslam::log::LogSource;
 use ipslam::picture::{Line, Picture};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;

@@ -54,7 +54,7 @@
 //! # Use
 //! Half a minute of a simulated drive, mapped by four particles with a map each:
 //! ```
-//! use ipslam::{config::Config, io::LogSource, simulate::Simulation, slam::Slam, smoothing::smooth};
+//! use ipslam::{config::Config, log::LogSource, simulate::Simulation, slam::Slam, smoothing::smooth};
 //!
 //! let config = Config { particles: 4, maps: 4, ..Config::default() };
 //! let log = Simulation::building(1);
@@ -69,7 +69,7 @@
 //! let walked = result.trajectory.last().map_or(0.0, |last| last.pose.position().coords.norm());
 //! println!("{steps} steps, {} walls, {walked:.1} m from the start", result.map.len());
 //! # assert!(steps > 1 && result.map.len() > 5 && walked > 1.0, "{steps} {} {walked}", result.map.len());
-//! # Ok::<(), ipslam::io::LogError>(())
+//! # Ok::<(), ipslam::log::LogError>(())
 //! ```
 //! Frames: `odom` drifts with the odometry; `world` has its origin at the robot's pose at the first scan; poses are
 //! named `world_from_robot`. Units: metres, radians, seconds.
@@ -82,6 +82,7 @@ pub mod geometry;
 pub mod grid;
 pub mod io;
 pub mod localization;
+pub mod log;
 pub mod map;
 pub mod math;
 pub mod metrics;

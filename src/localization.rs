@@ -23,7 +23,7 @@ use crate::evaluator::{Advance, Evaluator, EvaluatorError, Mode, Propagation, Sc
 use crate::filter::{effective_sample_size, normalised, resample};
 use crate::geometry::Pose;
 use crate::grid::FreeArea;
-use crate::io::LogEntry;
+use crate::log::LogEntry;
 use crate::map::{MapCluster, Pool, Slot};
 use crate::motion::Motion;
 use crate::ppca::Cluster;

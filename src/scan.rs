@@ -1,6 +1,6 @@
 //! A laser reading as points in the robot's frame.
 
-use crate::io::LaserReading;
+use crate::log::LaserReading;
 use nalgebra::Point2;
 
 /// The points of one laser sweep.

@@ -18,7 +18,7 @@ use crate::evaluator::table::ClusterTable;
 use crate::evaluator::{Evaluator, EvaluatorError, Propagation, Proposal, Scene, Start, highest};
 use crate::filter::{Ancestry, effective_sample_size, normalised, resample};
 use crate::geometry::{Pose, StampedPose};
-use crate::io::{LaserReading, LogEntry};
+use crate::log::{LaserReading, LogEntry};
 use crate::map::merging::{MapChange, merge_scan};
 use crate::map::{Map, MapCluster, Pool, Slot};
 use crate::motion::Motion;

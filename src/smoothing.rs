@@ -14,7 +14,7 @@ use crate::evaluator::cpu::{View, refine};
 use crate::evaluator::cull::{Candidates, LocalMap};
 use crate::evaluator::layout::{ClusterParams, LocalPose, tiles};
 use crate::geometry::Pose;
-use crate::io::{LogEntry, LogError, LogSource};
+use crate::log::{LogEntry, LogError, LogSource};
 use crate::map::merging::consolidated;
 use crate::ppca::{Cluster, Moments};
 use crate::record::RunResult;

@@ -10,7 +10,7 @@ use common::data;
 use flate2::{Compression, write::GzEncoder};
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::{CarmenLog, CarmenReader, CarmenWriter, implied_angles};
-use ipslam::io::{LaserReading, LogEntry, LogError, LogSource as _};
+use ipslam::log::{LaserReading, LogEntry, LogError, LogSource as _};
 use logs::{Outcome, drain, same_pose};
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};

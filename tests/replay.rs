@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use ipslam::config::Config;
-use ipslam::io::{LogEntry, LogSource};
+use ipslam::log::{LogEntry, LogSource};
 use ipslam::record::rerun::read::{ReadError, RecordedRun};
 use ipslam::record::rerun::{Level, RerunObserver};
 use ipslam::record::{Observer, RunInfo, StepReport, Task};

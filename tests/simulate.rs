@@ -2,7 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test's helpers may fail as a test does")]
 
 use ipslam::geometry::{Pose, wrap_angle};
-use ipslam::io::{LaserReading, LogEntry, LogSource as _};
+use ipslam::log::{LaserReading, LogEntry, LogSource as _};
 use ipslam::scan::Scan;
 use ipslam::simulate::{
     Laser, OdometryNoise, Plan, Simulation, SimulationConfig, Step, Wall, World, building, random_offices,

@@ -6,7 +6,7 @@
 
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::{CarmenReader, CarmenWriter};
-use ipslam::io::{LogEntry, LogReader as _};
+use ipslam::log::{LogEntry, LogReader as _};
 use libfuzzer_sys::fuzz_target;
 use std::f64::consts::PI;
 use std::io::Cursor;

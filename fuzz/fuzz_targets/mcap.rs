@@ -6,7 +6,7 @@
 
 use ipslam::geometry::Pose;
 use ipslam::io::mcap::{McapLog, Topics};
-use ipslam::io::{LogEntry, LogReader, LogSource as _};
+use ipslam::log::{LogEntry, LogReader, LogSource as _};
 use libfuzzer_sys::fuzz_target;
 use std::f64::consts::PI;
 use std::path::PathBuf;

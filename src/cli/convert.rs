@@ -138,7 +138,7 @@ fn convert_log(input: &Path, output: &Path, format: Format) -> anyhow::Result<()
 }
 
 fn write_log(
-    entries: &mut dyn Iterator<Item = Result<ipslam::io::LogEntry, ipslam::io::LogError>>,
+    entries: &mut dyn Iterator<Item = Result<ipslam::log::LogEntry, ipslam::log::LogError>>,
     out: impl Write,
 ) -> std::io::Result<()> {
     let mut writer = CarmenWriter::new(out);

@@ -2,7 +2,8 @@
 
 use anyhow::ensure;
 use ipslam::io::mcap::Topics;
-use ipslam::io::{LogSource, open_log};
+use ipslam::io::open_log;
+use ipslam::log::LogSource;
 use std::path::PathBuf;
 
 /// A log and, where it is a bag, which of its topics.

@@ -4,7 +4,7 @@ use super::interrupt;
 use super::progress::Progress;
 use ipslam::config::Config;
 use ipslam::geometry::StampedPose;
-use ipslam::io::{LogEntry, LogError, LogSource, LogStats};
+use ipslam::log::{LogEntry, LogError, LogSource, LogStats};
 use ipslam::record::{Observer, RunResult, StageTimes, StepReport};
 use ipslam::scan::Scan;
 use ipslam::slam::Slam;

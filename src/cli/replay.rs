@@ -57,7 +57,7 @@ mod with_recorder {
     use super::ReplayArgs;
     use anyhow::{bail, ensure};
     use ipslam::config::Config;
-    use ipslam::io::{LogEntry, LogSource as _};
+    use ipslam::log::{LogEntry, LogSource as _};
     use ipslam::record::rerun::RerunObserver;
     use ipslam::record::rerun::read::{RecordedRun, RecordedStep};
     use ipslam::record::{Observer, RunInfo, RunResult, StageTimes, StepReport, Task};

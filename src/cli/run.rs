@@ -12,7 +12,7 @@ use super::truth::{Truth, TruthArgs};
 use anyhow::{Context as _, anyhow};
 use ipslam::config::Config;
 use ipslam::evaluator::Evaluator;
-use ipslam::io::LogSource;
+use ipslam::log::LogSource;
 use ipslam::record::{Observer, RunInfo, Task};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;

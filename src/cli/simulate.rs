@@ -3,7 +3,8 @@
 use anyhow::{Context as _, ensure};
 use clap::ValueEnum;
 use ipslam::io::carmen::CarmenWriter;
-use ipslam::io::{LogSource as _, tum, write_whole};
+use ipslam::io::{tum, write_whole};
+use ipslam::log::LogSource as _;
 use ipslam::simulate::{Laser, OdometryNoise, Simulation, SimulationConfig, building, random_offices};
 use std::path::PathBuf;
 
@@ -131,8 +132,8 @@ fn parse_size(text: &str) -> Result<(f64, f64), String> {
 mod tests {
     use super::*;
     use clap::Parser;
-    use ipslam::io::LogEntry;
     use ipslam::io::carmen::CarmenLog;
+    use ipslam::log::LogEntry;
     use ipslam::simulate::STEP_RATE;
 
     #[derive(Parser)]

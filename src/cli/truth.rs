@@ -2,9 +2,9 @@
 
 use super::eval::Report;
 use ipslam::geometry::StampedPose;
-use ipslam::io::LogError;
 use ipslam::io::relations::{self, Relation};
 use ipslam::io::tum;
+use ipslam::log::LogError;
 use ipslam::metrics::relations::relation_errors;
 use ipslam::metrics::trajectory::reference_errors;
 use std::path::{Path, PathBuf};

@@ -2,7 +2,7 @@
 //!
 //! Blank lines and lines that start with `#` are left out. Whether a file is gzip shows in its first two bytes.
 
-use super::LogError;
+use crate::log::LogError;
 use flate2::bufread::MultiGzDecoder;
 use std::fs::File;
 use std::io::{BufRead, BufReader};

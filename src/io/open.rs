@@ -2,7 +2,7 @@
 
 use super::carmen::CarmenLog;
 use super::mcap::{self, McapLog, Topics};
-use super::{LogError, LogSource};
+use crate::log::{LogError, LogSource};
 use serde::Deserialize;
 use std::fs::File;
 use std::io::{self, Read};

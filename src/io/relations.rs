@@ -4,8 +4,9 @@
 //! Text, plain or gzip, one relation a line: `t1 t2 x y z roll pitch yaw`, seconds, metres, radians. The robot moves in
 //! the x-y plane: z, roll and pitch are left out. The order of the lines means nothing; t2 may lie before t1.
 
-use super::{LogError, columns};
+use super::columns;
 use crate::geometry::Pose;
+use crate::log::LogError;
 use std::path::Path;
 
 const EXPECTED: &str = "a relations file has 8 columns (t1 t2 x y z roll pitch yaw)";

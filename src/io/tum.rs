@@ -3,8 +3,9 @@
 //! Written and read: TUM, `t x y z qx qy qz qw`, seconds, metres and a quaternion. The robot moves in the x-y plane:
 //! z, roll and pitch are written as 0 and left out when read. Read as well: `t x y theta`, radians. Plain or gzip.
 
-use super::{LogError, WriteError, columns, write_whole};
+use super::{WriteError, columns, write_whole};
 use crate::geometry::{Pose, StampedPose};
+use crate::log::LogError;
 use std::path::Path;
 
 const EXPECTED: &str = "a trajectory has 8 columns (TUM: t x y z qx qy qz qw) or 4 (t x y theta [rad])";

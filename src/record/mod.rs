@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::geometry::{Pose, StampedPose};
-use crate::io::LogEntry;
+use crate::log::LogEntry;
 use crate::ppca::Cluster;
 use crate::scan::Scan;
 use crc32fast::Hasher;

@@ -31,7 +31,7 @@ pub use plan::Plan;
 pub use world::{Wall, World};
 
 use crate::geometry::{Pose, StampedPose};
-use crate::io::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
+use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use nalgebra::Point2;
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;

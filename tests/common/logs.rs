@@ -1,7 +1,7 @@
 //! Entries of logs, read to the end and compared.
 
 use ipslam::geometry::{Pose, wrap_angle};
-use ipslam::io::{LogEntry, LogError, LogReader, LogStats};
+use ipslam::log::{LogEntry, LogError, LogReader, LogStats};
 
 /// What a reader told.
 pub struct Outcome {

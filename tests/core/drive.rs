@@ -2,7 +2,7 @@
 
 use ipslam::config::Config;
 use ipslam::geometry::{Pose, StampedPose};
-use ipslam::io::{LogEntry, LogSource};
+use ipslam::log::{LogEntry, LogSource};
 use ipslam::metrics::trajectory::reference_errors;
 use ipslam::record::RunResult;
 use ipslam::simulate::{Simulation, SimulationConfig, building};

@@ -4,7 +4,7 @@ use ipslam::config::Config;
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::layout::LocalPose;
 use ipslam::evaluator::{Advance, Evaluator, EvaluatorError, Propagation, Proposal, Scene, Weighed};
-use ipslam::io::LogSource;
+use ipslam::log::LogSource;
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 

@@ -5,7 +5,7 @@ use ipslam::clustering::ClusteringConfig;
 use ipslam::config::ScanConfig;
 use ipslam::geometry::Pose;
 use ipslam::grid::{Cell, FreeArea, GridBuilder, GridError, OccupancyGrid, RESOLUTION, clusters, drawn};
-use ipslam::io::{LogEntry, LogSource as _};
+use ipslam::log::{LogEntry, LogSource as _};
 use ipslam::ppca::Cluster;
 use ipslam::scan::Scan;
 use ipslam::simulate::{Simulation, Wall, building};

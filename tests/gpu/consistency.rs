@@ -13,7 +13,7 @@ use ipslam::evaluator::symmetric::{Cholesky, unpacked};
 use ipslam::evaluator::table::ClusterTable;
 use ipslam::evaluator::{Advance, Evaluator, Propagation, Proposal, Scene, Start};
 use ipslam::geometry::{Pose, StampedPose, wrap_angle};
-use ipslam::io::{LogEntry, LogSource};
+use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::{MapCluster, Pool};
 use ipslam::metrics::trajectory::reference_errors;
 use ipslam::random::{Draw, bits, uniform};

@@ -8,7 +8,7 @@ use ipslam::evaluator::table::ClusterTable;
 use ipslam::evaluator::{Scene, Start};
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::CarmenLog;
-use ipslam::io::{LogEntry, LogSource};
+use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::{MapCluster, Pool, Slot};
 use ipslam::ppca::Cluster;
 use ipslam::random::{Draw, bits, normals, uniform};

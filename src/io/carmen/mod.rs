@@ -30,8 +30,8 @@
 //! CARMEN's logger can write a sweep twice, as `RAWLASER1` and as `FLASER` or `ROBOTLASER1` (`RAWLASER2`: `RLASER` or
 //! `ROBOTLASER2`). Once the message with poses was seen, the raw one is skipped and counted.
 
-use super::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use crate::geometry::Pose;
+use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use input::{Input, Line};
 use parse::{LASERS, Message, Param, Setting, Sweep};
 use std::f64::consts::PI;

@@ -114,7 +114,7 @@ pub fn implied_angles(beams: usize) -> (f64, f64) {
     (f64::to_radians(first), f64::to_radians(step))
 }
 
-/// A maximum range as [`crate::io::LaserReading`] has it: infinite where the log's number tells nothing.
+/// A maximum range as [`crate::log::LaserReading`] has it: infinite where the log's number tells nothing.
 pub(super) fn known_range(range: f64) -> f64 {
     if range > 0.0 { range } else { f64::INFINITY }
 }

@@ -2,7 +2,7 @@
 
 use super::implied_angles;
 use crate::geometry::Pose;
-use crate::io::{LaserReading, LogEntry};
+use crate::log::{LaserReading, LogEntry};
 use std::io::{self, ErrorKind, Write};
 
 /// Host name in the written lines.

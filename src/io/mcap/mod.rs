@@ -31,8 +31,8 @@
 //! # Ranges
 //! Ranges below `range_min` become NaN; `range_max` is the maximum range.
 
-use super::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use crate::geometry::{Pose, wrap_angle};
+use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use frames::Mounting;
 use messages::{LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
 use records::{Channel, Next, Records};

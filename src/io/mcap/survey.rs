@@ -4,7 +4,7 @@ use super::Topics;
 use super::frames::{Frames, Mounting};
 use super::messages::{self, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms};
 use super::records::{Channel, Next, Records};
-use crate::io::LogError;
+use crate::log::LogError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

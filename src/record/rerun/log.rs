@@ -2,7 +2,7 @@
 
 use super::{Level, layout};
 use crate::geometry::{Pose, StampedPose};
-use crate::io::{LaserReading, LogEntry};
+use crate::log::{LaserReading, LogEntry};
 use crate::ppca::Cluster;
 use crate::record::{Confidence, ReportedParticle, RunInfo, RunResult, StageTimes, StepReport, Task};
 use ::rerun::archetypes::Clear;

@@ -9,7 +9,7 @@
 //! tells it; the observer ignores the steps that follow.
 
 use super::{Observer, RunInfo, RunResult, StepReport};
-use crate::io::LogEntry;
+use crate::log::LogEntry;
 use ::rerun::blueprint::BlueprintActivation;
 use ::rerun::sink::SinkFlushError;
 use ::rerun::{DEFAULT_CONNECT_URL, RecordingStream, RecordingStreamBuilder, RecordingStreamError};

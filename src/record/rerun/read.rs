@@ -7,7 +7,7 @@ use super::layout;
 use super::log::About;
 use crate::config::ConfigError;
 use crate::geometry::Pose;
-use crate::io::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
+use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use crate::record::{RunInfo, StageTimes, StepReport};
 use ::rerun::components::{LineStrip2D, Scalar, Text};
 use ::rerun::log::Chunk;
