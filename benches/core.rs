@@ -13,6 +13,7 @@ use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::MapCluster;
 use ipslam::map::merging::merge_scan;
 use ipslam::ppca::Cluster;
+use ipslam::report::{Estimator as _, Event};
 use ipslam::scan::Scan;
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
@@ -80,7 +81,9 @@ fn stepping(criterion: &mut Criterion) {
                 for _ in 0..rounds {
                     let mut slam = Slam::new(config);
                     let began = Instant::now();
-                    entries.iter().for_each(|entry| slam.add(entry, &mut |_| steps += 1));
+                    entries.iter().for_each(|entry| {
+                        slam.add(entry, &mut |event| steps += u32::from(matches!(event, Event::Step(_))));
+                    });
                     spent += began.elapsed();
                 }
                 // Of all steps, as many as there were rounds.

@@ -11,8 +11,9 @@ use ipslam::config::Config;
 use ipslam::evaluator::Evaluator;
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::io::{carmen::CarmenLog, map_json, tum};
-use ipslam::localization::{KnownMap, Localization, LocalizationConfig};
+use ipslam::localization::{Localization, LocalizationConfig};
 use ipslam::log::{LogEntry, LogSource};
+use ipslam::report::{Estimator as _, Event};
 use std::path::Path;
 use std::time::Instant;
 
@@ -56,10 +57,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let kidnap = rest.iter().any(|arg| arg == "kidnap");
     let on_gpu = rest.iter().any(|arg| arg == "gpu");
 
-    let saved = map_json::read_map(Path::new(map))?;
-    let free = saved.free.ok_or("the map tells no free area")?;
-    let map = KnownMap { clusters: saved.clusters, free };
-    println!("{} clusters, {:.0} m² free", map.clusters.len(), map.free.area());
+    let map = map_json::read_map(Path::new(map))?;
+    println!("{} clusters, {:.0} m² free", map.clusters.len(), map.free.as_ref().map_or(0.0, |free| free.area()));
     let entries = entries(&CarmenLog::new(log), &tum::read(Path::new(trajectory))?)?;
     // With enough of the log left.
     let mut left = 0.0;
@@ -86,7 +85,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 config = config.with_toml(&text)?;
             }
             config.localization.min_particles = config.localization.min_particles.min(max_particles);
-            let filter = Localization::new(map.clone(), None, config, evaluator(on_gpu)?);
+            let filter = Localization::new(map.clone(), None, config, evaluator(on_gpu)?)?;
             let elsewhere = scans[(start * scans.len() / starts + scans.len() / 2) % scans.len()];
             outcomes.push(follow(filter, &entries, first, kidnap.then_some(elsewhere)));
         }
@@ -151,7 +150,11 @@ fn follow(mut filter: Localization, entries: &[Entry], first: usize, elsewhere: 
 
         let mut stepped = None;
         let began = Instant::now();
-        filter.add(&entry, &mut |report| stepped = Some((report.world_from_robot, report.confidence)));
+        filter.add(&entry, &mut |event| {
+            if let Event::Step(report) = event {
+                stepped = Some((report.world_from_robot, report.confidence));
+            }
+        });
         if let Some((pose, Some(confidence))) = stepped {
             if outcome.first_step_seconds == 0.0 {
                 outcome.first_step_seconds = began.elapsed().as_secs_f64();

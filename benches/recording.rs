@@ -8,9 +8,10 @@
 use ipslam::config::Config;
 use ipslam::io::mcap::Topics;
 use ipslam::io::open_log;
-use ipslam::log::{LogEntry, LogSource};
+use ipslam::log::LogSource;
+use ipslam::pipeline::{Run, RunInfo, Task};
 use ipslam::record::rerun::{Level, RerunObserver};
-use ipslam::record::{Observer, RunInfo, Task};
+use ipslam::report::Observer;
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 use std::path::Path;
@@ -25,16 +26,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Some(path) => open_log(path, &Topics::default())?,
         None => Box::new(Simulation::building(1)),
     };
-    let entries = source.open()?.collect::<Result<Vec<LogEntry>, _>>()?;
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("run.rrd");
     let levels = [("without", None), ("light", Some(Level::Light)), ("full", Some(Level::Full))];
     let mut best = [f64::INFINITY; 3];
     let mut bytes = [0; 3];
-    println!("{}: {} entries, {ROUNDS} rounds", source.name(), entries.len());
+    println!("{}: {ROUNDS} rounds", source.name());
     for round in 0..ROUNDS {
         for (number, (name, level)) in levels.iter().enumerate() {
-            let seconds = run(&entries, &source.name(), *level, &file)?;
+            let seconds = run(&*source, *level, &file)?;
             println!("  round {round}, {name}: {seconds:.2} s");
             best[number] = best[number].min(seconds);
             bytes[number] = level.map_or(Ok(0), |_| std::fs::metadata(&file).map(|found| found.len()))?;
@@ -54,28 +54,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 /// Seconds of a whole run, with the recording written out.
-fn run(entries: &[LogEntry], name: &str, level: Option<Level>, file: &Path) -> Result<f64, Box<dyn std::error::Error>> {
+fn run(source: &dyn LogSource, level: Option<Level>, file: &Path) -> Result<f64, Box<dyn std::error::Error>> {
     let config = Config::default();
-    let info = RunInfo { task: Task::Mapping, log: name.to_owned(), device: "CPU".to_owned(), config };
+    let info = RunInfo { task: Task::Mapping, log: source.name(), device: "CPU".to_owned(), config };
     let began = Instant::now();
-    let mut observer = level.map(|level| RerunObserver::to_file(file, &info, level)).transpose()?;
-    let mut slam = Slam::new(config);
-    for entry in entries {
-        if let Some(observer) = &mut observer {
-            observer.on_entry(entry);
-        }
-        slam.add(entry, &mut |report| {
-            if let Some(observer) = &mut observer {
-                observer.on_step(report);
-            }
-        });
-    }
-    let result = slam.finish();
-    if let Some(mut observer) = observer {
-        observer.on_finish(&result, false);
-        if let Some(failure) = observer.failure() {
-            return Err(failure.into());
-        }
+    let observer = level.map(|level| RerunObserver::to_file(file, &info, level)).transpose()?;
+    let mut observers: Vec<Box<dyn Observer>> =
+        observer.into_iter().map(|observer| Box::new(observer) as Box<dyn Observer>).collect();
+    Run::of(source).run(&mut Slam::new(config), &mut observers, &mut |_| true)?;
+    if let Some(failure) = observers.iter().find_map(|observer| observer.failure()) {
+        return Err(failure.into());
     }
     Ok(began.elapsed().as_secs_f64())
 }

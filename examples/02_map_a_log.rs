@@ -7,9 +7,8 @@ use ipslam::io::mcap::Topics;
 use ipslam::io::{open_log, write_whole};
 use ipslam::log::LogSource;
 use ipslam::picture::{Line, Picture};
+use ipslam::pipeline;
 use ipslam::simulate::Simulation;
-use ipslam::slam::Slam;
-use ipslam::smoothing::smooth;
 use std::path::Path;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -19,27 +18,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let config = Config { particles: 32, maps: 32, ..Config::default() };
 
-    let mut slam = Slam::new(config);
-    for entry in log.open()? {
-        slam.add(&entry?, &mut |report| {
-            if report.step % 50 == 0 {
-                eprintln!("{:7.1} s: {} clusters", report.stamp, report.map.len());
-            }
-        });
-    }
-    let mut result = slam.finish();
-    smooth(&*log, &mut result, &config)?;
+    let result = pipeline::map(&*log, &config)?;
 
-    result.map.sort_by(|a, b| b.length().total_cmp(&a.length()));
-    println!("{} clusters; the longest:", result.map.len());
-    for cluster in result.map.iter().take(10) {
+    let mut clusters = result.map.clusters.clone();
+    clusters.sort_by(|a, b| b.length().total_cmp(&a.length()));
+    println!("{} clusters; the longest:", clusters.len());
+    for cluster in clusters.iter().take(10) {
         let [from, to] = cluster.endpoints();
         println!("{:5.1} m from ({:.2}, {:.2}) to ({:.2}, {:.2})", cluster.length(), from.x, from.y, to.x, to.y);
     }
+    let (trajectory, odometry) = (result.trajectory(), result.odometry());
     let picture = Picture::new(log.name())
-        .trajectory("odometry", Line::ODOMETRY, &result.odometry)
-        .trajectory("robot", Line::ESTIMATE, &result.trajectory)
-        .clusters(&result.map);
+        .trajectory("odometry", Line::ODOMETRY, &odometry)
+        .trajectory("robot", Line::ESTIMATE, &trajectory)
+        .clusters(&clusters);
     write_whole(Path::new("map.svg"), |file| file.write_all(picture.to_svg().as_bytes()))?;
     println!("map.svg is written");
     Ok(())

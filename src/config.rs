@@ -155,7 +155,7 @@ impl Config {
 const MOST_PARTICLES: usize = 10_000_000;
 
 /// Numbers with limits of their own, least and greatest; all others may be anything from 0 on, infinity included.
-const LIMITS: [(&str, f64, f64); 34] = [
+const LIMITS: [(&str, f64, f64); 30] = [
     ("scan.min_range", 0.0, 1e6),
     ("clustering.min_points", 2.0, 1e6),
     ("clustering.noise", 1e-6, 1e3),
@@ -181,13 +181,9 @@ const LIMITS: [(&str, f64, f64); 34] = [
     ("smoothing.keep_explained", 0.0, 1.0),
     ("localization.max_particles", 1.0, 1e7),
     ("localization.min_particles", 1.0, 1e7),
-    ("localization.kld_error", 1e-6, 1.0),
-    ("localization.kld_quantile", 0.0, 10.0),
     ("localization.temper", 1e-6, 1e3),
-    ("localization.least_sigma", 1e-6, 1e3),
-    ("localization.most_sigma", 1e-6, 1e3),
-    ("localization.slow_memory", 0.0, 1.0),
-    ("localization.fast_memory", 0.0, 1.0),
+    ("localization.min_sigma", 1e-6, 1e3),
+    ("localization.max_sigma", 1e-6, 1e3),
     ("localization.located_weight", 0.0, 1.0),
     ("localization.located_explained", 0.0, 1.0),
 ];
@@ -260,10 +256,10 @@ impl Config {
             let expected = format!("at most localization.max_particles, {max_particles}");
             return Err(ConfigError::value("localization.min_particles", min_particles, expected));
         }
-        let LocalizationConfig { least_sigma, most_sigma, .. } = self.localization;
-        if least_sigma > most_sigma {
-            let expected = format!("at most localization.most_sigma, {most_sigma}");
-            return Err(ConfigError::value("localization.least_sigma", least_sigma, expected));
+        let LocalizationConfig { min_sigma, max_sigma, .. } = self.localization;
+        if min_sigma > max_sigma {
+            let expected = format!("at most localization.max_sigma, {max_sigma}");
+            return Err(ConfigError::value("localization.min_sigma", min_sigma, expected));
         }
         let ScanConfig { min_range, max_range } = self.scan;
         if min_range >= max_range {
@@ -376,8 +372,8 @@ mod tests {
             ("[motion]\nheading_floor = inf", "motion.heading_floor is inf"),
             ("[filter]\nresample_below = 1.5", "filter.resample_below is 1.5, but has to be 0 to 1"),
             (
-                "[localization]\nleast_sigma = 0.6",
-                "localization.least_sigma is 0.6, but has to be at most localization.most",
+                "[localization]\nmin_sigma = 0.6",
+                "localization.min_sigma is 0.6, but has to be at most localization.max",
             ),
             ("[localization]\nmax_particles = 9", "localization.min_particles is 1000, but has to be at most"),
             ("[scan]\nmin_range = 5\nmax_range = 5", "scan.max_range is 5, but has to be above scan.min_range, 5"),

@@ -54,21 +54,18 @@
 //! # Use
 //! Half a minute of a simulated drive, mapped by four particles with a map each:
 //! ```
-//! use ipslam::{config::Config, log::LogSource, simulate::Simulation, slam::Slam, smoothing::smooth};
+//! use ipslam::config::Config;
+//! use ipslam::pipeline::{Outcome, Run};
+//! use ipslam::simulate::Simulation;
+//! use ipslam::slam::Slam;
 //!
 //! let config = Config { particles: 4, maps: 4, ..Config::default() };
-//! let log = Simulation::building(1);
-//! let mut slam = Slam::new(config);
-//! let mut steps = 0;
-//! for entry in log.open()?.take(600) {
-//!     slam.add(&entry?, &mut |report| steps = report.step + 1);
-//! }
-//! let mut result = slam.finish();
-//! smooth(&log, &mut result, &config)?;
+//! let run = Run { max_scans: Some(300), smoothing: Some(&config), ..Run::of(&Simulation::building(1)) };
+//! let Outcome { result, counts, .. } = run.run(&mut Slam::new(config), &mut [], &mut |_| true)?;
 //!
-//! let walked = result.trajectory.last().map_or(0.0, |last| last.pose.position().coords.norm());
-//! println!("{steps} steps, {} walls, {walked:.1} m from the start", result.map.len());
-//! # assert!(steps > 1 && result.map.len() > 5 && walked > 1.0, "{steps} {} {walked}", result.map.len());
+//! let walked = result.trajectory().last().map_or(0.0, |last| last.pose.position().coords.norm());
+//! println!("{} steps, {} walls, {walked:.1} m from the start", counts.steps, result.map.clusters.len());
+//! # assert!(counts.steps > 1 && result.map.clusters.len() > 5 && walked > 1.0, "{counts:?} {walked}");
 //! # Ok::<(), ipslam::log::LogError>(())
 //! ```
 //! Frames: `odom` drifts with the odometry; `world` has its origin at the robot's pose at the first scan; poses are
@@ -88,9 +85,11 @@ pub mod math;
 pub mod metrics;
 pub mod motion;
 pub mod picture;
+pub mod pipeline;
 pub mod ppca;
 pub mod random;
 pub mod record;
+pub mod report;
 pub mod scan;
 pub mod simulate;
 pub mod slam;

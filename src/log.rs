@@ -131,6 +131,15 @@ pub trait LogReader: Iterator<Item = Result<LogEntry, LogError>> + Send {
     fn progress(&self) -> Option<(u64, u64)>;
 }
 
+/// The odometry and laser readings of a log, each with its number from 0: true poses are no readings.
+///
+/// # Errors
+/// The log cannot be opened; each item, as [`LogReader`].
+pub fn readings(source: &dyn LogSource) -> Result<impl Iterator<Item = Result<(usize, LogEntry), LogError>>, LogError> {
+    let entries = source.open()?.filter(|entry| !matches!(entry, Ok(LogEntry::Truth { .. })));
+    Ok(entries.enumerate().map(|(number, entry)| Ok((number, entry?))))
+}
+
 /// Why a log, trajectory or relations file could not be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]

@@ -15,16 +15,18 @@ use crate::evaluator::failover::Failover;
 use crate::evaluator::layout::{LocalPose, Tile, reach, tiles};
 use crate::evaluator::symmetric::{noise_of, packed, unpacked};
 use crate::evaluator::table::ClusterTable;
-use crate::evaluator::{Evaluator, EvaluatorError, Propagation, Proposal, Scene, Start, highest};
-use crate::filter::{Ancestry, effective_sample_size, normalised, resample};
-use crate::geometry::{Pose, StampedPose};
+use crate::evaluator::{Evaluator, EvaluatorError, Propagation, Proposal, Scene, Start, best_mode};
+use crate::filter::ancestry::Ancestry;
+use crate::filter::resampling::resample;
+use crate::filter::weights::{effective_sample_size, normalised};
+use crate::geometry::Pose;
 use crate::log::{LaserReading, LogEntry};
 use crate::map::merging::{MapChange, merge_scan};
-use crate::map::{Map, MapCluster, Pool, Slot};
+use crate::map::{LineMap, Map, MapCluster, Pool, Slot};
 use crate::motion::Motion;
 use crate::ppca::Cluster;
 use crate::random::{Draw, bits, uniform};
-use crate::record::{ReportedParticle, RunResult, StageTimes, StepReport, timed};
+use crate::report::{Estimate, Estimator, Event, ReportedParticle, RunResult, StageTimes, StepReport, timed};
 use crate::scan::Scan;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
@@ -118,26 +120,10 @@ impl Slam {
         }
     }
 
-    /// Why the CPU took over from the evaluator that the filter was given.
-    pub fn evaluator_failure(&self) -> Option<&EvaluatorError> {
-        self.evaluator.failure()
-    }
-
-    /// Takes in the next entry of a log, in the order of the log; reports where it led to a step.
-    pub fn add(&mut self, entry: &LogEntry, on_step: &mut dyn FnMut(&StepReport<'_>)) {
-        match entry {
-            LogEntry::Odometry { stamp, odom_from_robot } => {
-                let since = self.last_odometry.map_or(Pose::IDENTITY, |last| odom_from_robot.seen_from(last));
-                self.remember(*stamp, *odom_from_robot, self.tracked.mean * since);
-            }
-            LogEntry::Laser(reading) => self.add_laser(reading, on_step),
-            LogEntry::Truth { .. } => {}
-        }
-    }
-
     /// Follows the robot; takes a step where it has moved far enough, and at the first scan.
-    fn add_laser(&mut self, reading: &LaserReading, on_step: &mut dyn FnMut(&StepReport<'_>)) {
+    fn add_laser(&mut self, reading: &LaserReading, observe: &mut dyn FnMut(&Event<'_>)) {
         let scan = Scan::from_reading(reading, self.config.scan.min_range, self.config.scan.max_range);
+        observe(&Event::Scan(&scan));
         let tiles = tiles(&scan.points, self.config.likelihood.max_points);
         if self.steps == 0 {
             self.place_first_readings(reading.odom_from_robot);
@@ -147,10 +133,10 @@ impl Slam {
         self.times.track += track_seconds;
         let moved = self.tracked.mean;
         if self.steps > 0 && self.config.filter.is_too_near(moved) {
-            self.remember(reading.stamp, reading.odom_from_robot, moved);
+            self.keep_reading(reading.stamp, reading.odom_from_robot, moved);
         } else {
-            self.step(&scan, &tiles, reading.odom_from_robot, on_step);
-            self.remember(reading.stamp, reading.odom_from_robot, Pose::IDENTITY);
+            self.step(&scan, &tiles, reading.odom_from_robot, observe);
+            self.keep_reading(reading.stamp, reading.odom_from_robot, Pose::IDENTITY);
         }
     }
 
@@ -161,12 +147,12 @@ impl Slam {
         }
     }
 
-    fn remember(&mut self, stamp: f64, odom_from_robot: Pose, step_from_robot: Pose) {
+    fn keep_reading(&mut self, stamp: f64, odom_from_robot: Pose, step_from_robot: Pose) {
         self.readings.push(Reading { stamp, odom_from_robot, step: self.steps, step_from_robot });
     }
 
     /// Table I, 6: one step of the filter.
-    fn step(&mut self, scan: &Scan, tiles: &[Tile], odom_from_robot: Pose, on_step: &mut dyn FnMut(&StepReport<'_>)) {
+    fn step(&mut self, scan: &Scan, tiles: &[Tile], odom_from_robot: Pose, observe: &mut dyn FnMut(&Event<'_>)) {
         let mut times = std::mem::take(&mut self.times);
         // 6c-i. The same for all particles, whatever their poses.
         let clusters = timed(&mut times.cluster, || cluster_points(&scan.points, &self.config.clustering).clusters);
@@ -193,7 +179,7 @@ impl Slam {
             .map(|(particle, &weight)| ReportedParticle { world_from_robot: particle.world_from_robot, weight })
             .collect();
         let best = &self.hypotheses[self.best];
-        on_step(&StepReport {
+        observe(&Event::Step(&StepReport {
             step: self.steps,
             stamp: scan.stamp,
             scan,
@@ -207,7 +193,7 @@ impl Slam {
             parents: &parents,
             confidence: None,
             times,
-        });
+        }));
         self.steps += 1;
         self.by_odometry = Motion::none();
         self.tracked = Motion::none();
@@ -239,7 +225,7 @@ impl Slam {
         };
         let maps = [self.near(&best.map, expected, tiles, how.longest_way())];
         let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
-        if let Some(mode) = highest(proposals) {
+        if let Some(mode) = best_mode(proposals) {
             self.tracked.mean = mode.pose.in_world(self.table.anchor()).seen_from(best.world_from_robot);
             self.tracked.covariance = unpacked(mode.information).try_inverse().unwrap_or(self.tracked.covariance);
         }
@@ -405,18 +391,44 @@ impl Slam {
     fn clusters_of(&self, hypothesis: &Hypothesis) -> Vec<Cluster> {
         self.pool.clusters_of(&hypothesis.map).map(|(_, entry)| entry.cluster).collect()
     }
+}
 
-    /// The best particle's map and whole path.
-    pub fn finish(&self) -> RunResult {
-        let best = &self.hypotheses[self.best];
-        // Node 0 of a path is the start; readings before the first scan are placed by it.
-        let path = self.ancestry.path(best.path);
-        let stamped = |reading: &Reading, pose: Pose| StampedPose { stamp: reading.stamp, pose };
-        RunResult {
-            map: self.clusters_of(best),
-            trajectory: self.readings.iter().map(|r| stamped(r, path[r.step as usize] * r.step_from_robot)).collect(),
-            odometry: self.readings.iter().map(|r| stamped(r, r.odom_from_robot)).collect(),
+impl Estimator for Slam {
+    fn add(&mut self, entry: &LogEntry, observe: &mut dyn FnMut(&Event<'_>)) {
+        match entry {
+            LogEntry::Odometry { stamp, odom_from_robot } => {
+                let since = self.last_odometry.map_or(Pose::IDENTITY, |last| odom_from_robot.seen_from(last));
+                self.keep_reading(*stamp, *odom_from_robot, self.tracked.mean * since);
+            }
+            LogEntry::Laser(reading) => self.add_laser(reading, observe),
+            LogEntry::Truth { .. } => return,
         }
+        if let Some(&Reading { stamp, odom_from_robot, step_from_robot, .. }) = self.readings.last() {
+            let world_from_step = self.hypotheses[self.best].world_from_robot;
+            let world_from_robot = (self.steps > 0).then(|| world_from_step * step_from_robot);
+            observe(&Event::Pose(&Estimate { stamp, odom_from_robot, world_from_robot, confidence: None }));
+        }
+    }
+
+    /// The best particle's map and whole path. Readings before the first scan are placed by odometry, seen from it.
+    fn result(&self) -> RunResult {
+        let best = &self.hypotheses[self.best];
+        // Node 0 of a path is the start.
+        let path = self.ancestry.path(best.path);
+        let estimate = |reading: &Reading| Estimate {
+            stamp: reading.stamp,
+            odom_from_robot: reading.odom_from_robot,
+            world_from_robot: Some(path[reading.step as usize] * reading.step_from_robot),
+            confidence: None,
+        };
+        RunResult {
+            map: LineMap { clusters: self.clusters_of(best), free: None },
+            poses: self.readings.iter().map(estimate).collect(),
+        }
+    }
+
+    fn evaluator_failure(&self) -> Option<&EvaluatorError> {
+        self.evaluator.failure()
     }
 }
 

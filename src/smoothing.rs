@@ -14,10 +14,10 @@ use crate::evaluator::cpu::{View, refine};
 use crate::evaluator::cull::{Candidates, LocalMap};
 use crate::evaluator::layout::{ClusterParams, LocalPose, tiles};
 use crate::geometry::Pose;
-use crate::log::{LogEntry, LogError, LogSource};
+use crate::log::{LogEntry, LogError, LogSource, readings};
 use crate::map::merging::consolidated;
 use crate::ppca::{Cluster, Moments};
-use crate::record::RunResult;
+use crate::report::{Estimate, RunResult};
 use crate::scan::Scan;
 use nalgebra::Point2;
 use rayon::prelude::*;
@@ -55,30 +55,30 @@ const ITERATIONS: u32 = 5;
 pub fn smooth(source: &dyn LogSource, result: &mut RunResult, config: &Config) -> Result<(), LogError> {
     for pass in 1..=config.smoothing.passes {
         let support = match_scans(source, result, config)?;
-        refit(&mut result.map, &support, config, pass == config.smoothing.passes);
+        refit(&mut result.map.clusters, &support, config, pass == config.smoothing.passes);
     }
     Ok(())
 }
 
 /// Moves every scan to where the map wants it, and gathers what each cluster then explains.
 fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Config) -> Result<Vec<Moments>, LogError> {
-    let before: Vec<Pose> = result.trajectory.iter().map(|stamped| stamped.pose).collect();
-    let mut support = vec![Moments::default(); result.map.len()];
+    let before: Vec<Pose> = result.poses.iter().map(|estimate| estimate.world_from_robot.unwrap_or_default()).collect();
+    let mut support = vec![Moments::default(); result.map.clusters.len()];
     let mut is_laser = vec![false; before.len()];
     let mut batch: Vec<(usize, Scan)> = Vec::with_capacity(BATCH);
     let mut place = |batch: &mut Vec<(usize, Scan)>, result: &mut RunResult| {
-        let map = &result.map;
+        let map = &result.map.clusters;
         let placed: Vec<Placed> =
             batch.par_iter().map(|(index, scan)| place_scan(map, scan, before[*index], config)).collect();
         for ((index, _), placed) in batch.drain(..).zip(placed) {
-            result.trajectory[index].pose = placed.world_from_robot;
+            result.poses[index].world_from_robot = Some(placed.world_from_robot);
             is_laser[index] = true;
             placed.explained.into_iter().for_each(|(cluster, point)| support[cluster].add(point, 1.0));
         }
     };
-    let entries = source.open()?.filter(|entry| !matches!(entry, Ok(LogEntry::Truth { .. })));
-    for (index, entry) in entries.take(before.len()).enumerate() {
-        if let LogEntry::Laser(reading) = entry? {
+    for reading in readings(source)?.take(before.len()) {
+        let (index, entry) = reading?;
+        if let LogEntry::Laser(reading) = entry {
             batch.push((index, Scan::from_reading(&reading, config.scan.min_range, config.scan.max_range)));
         }
         if batch.len() == BATCH {
@@ -88,12 +88,12 @@ fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Config) 
     place(&mut batch, result);
 
     // Readings without a scan keep their place relative to the last scan.
-    let mut last_laser = None;
-    for index in 0..before.len() {
-        if is_laser[index] {
-            last_laser = Some(index);
-        } else if let Some(laser) = last_laser {
-            result.trajectory[index].pose = result.trajectory[laser].pose * before[index].seen_from(before[laser]);
+    let mut last_laser: Option<(Pose, Pose)> = None;
+    for ((Estimate { world_from_robot, .. }, before), is_laser) in result.poses.iter_mut().zip(before).zip(is_laser) {
+        if is_laser {
+            last_laser = world_from_robot.map(|after| (before, after));
+        } else if let Some((laser_before, laser_after)) = last_laser {
+            *world_from_robot = Some(laser_after * before.seen_from(laser_before));
         }
     }
     Ok(support)

@@ -6,9 +6,9 @@ mod common;
 
 use assert_cmd::cargo::cargo_bin;
 use ipslam::io::carmen::{CarmenLog, CarmenWriter};
-use ipslam::io::map_json::SavedMap;
 use ipslam::io::{map_json, tum};
 use ipslam::log::{LogEntry, LogSource as _};
+use ipslam::map::LineMap;
 use ipslam::metrics::trajectory::reference_errors;
 use ipslam::ppca::Cluster;
 use ipslam::simulate::{Simulation, SimulationConfig, building};
@@ -681,7 +681,7 @@ fn maps_are_converted_through_every_format() {
         ["out/map.json", "same.json", "walls.json"].map(|name| map_json::read_map(&place.path(name)).unwrap());
     assert_eq!((original.clusters.len(), &original.free), (before.clusters.len(), &before.free));
     assert_eq!(walls["features"].as_array().unwrap().len(), before.clusters.len());
-    let covered = |from: &SavedMap, by: &SavedMap, shift: f64| {
+    let covered = |from: &LineMap, by: &LineMap, shift: f64| {
         let near = |wall: &Cluster| {
             let middle = wall.mean + nalgebra::Vector2::new(shift, shift);
             by.clusters.iter().any(|other| {
@@ -695,7 +695,7 @@ fn maps_are_converted_through_every_format() {
     assert!(before.clusters.len() > 5);
     let (shared, moved) = (covered(&before, &after, 0.0), covered(&before, &after, 0.5));
     assert!(shared > 0.6 && moved < 0.5 * shared, "{shared} of the walls are kept, {moved} of those half a metre off");
-    let area = |map: &SavedMap| map.free.as_ref().unwrap().area();
+    let area = |map: &LineMap| map.free.as_ref().unwrap().area();
     assert!((area(&after) / area(&before) - 1.0).abs() < 0.2, "{} m², {} m²", area(&before), area(&after));
 }
 

@@ -17,6 +17,7 @@ use ipslam::io::mcap::{McapLog, Topics};
 use ipslam::io::open_log;
 use ipslam::log::{LaserReading, LogEntry, LogError, LogSource, LogStats};
 use ipslam::ppca::Cluster;
+use ipslam::report::Estimator as _;
 use ipslam::slam::Slam;
 use logs::{Outcome, drain, same_pose};
 use proptest::prelude::*;
@@ -153,7 +154,7 @@ fn a_bag_gives_the_map_of_the_carmen_log() {
     let map = |entries: &[LogEntry]| {
         let mut slam = Slam::new(config);
         entries.iter().for_each(|entry| slam.add(entry, &mut |_| {}));
-        slam.finish().map
+        slam.result().map.clusters
     };
     let bag = McapLog::new(folder.path().join("zstd.mcap"), &TOPICS).unwrap();
     let found = map(&read(&bag).entries);

@@ -3,9 +3,10 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests")]
 
 use ipslam::geometry::{Pose, StampedPose};
+use ipslam::map::LineMap;
 use ipslam::picture::{Figures, Line, Picture, PointRaster, View, svg_to_png};
 use ipslam::ppca::Cluster;
-use ipslam::record::RunResult;
+use ipslam::report::{Estimate, RunResult};
 use ipslam::scan::Scan;
 use nalgebra::{Point2, Vector2};
 use resvg::tiny_skia::Pixmap;
@@ -261,11 +262,15 @@ fn run() -> (RunResult, Vec<(Scan, Pose, Pose)>) {
         points.push(Point2::new(0.0, -5.0));
         scans.push((Scan { stamp: f64::from(i), points, ..Scan::default() }, odom, world));
     }
-    let map = vec![Cluster { along_variance: 12.0, across_variance: 0.0004, ..cluster(5.9, 2.01, 0.0) }];
-    let stamped = |pose: fn(&(Scan, Pose, Pose)) -> Pose| {
-        scans.iter().map(|scan| StampedPose { stamp: scan.0.stamp, pose: pose(scan) }).collect::<Vec<_>>()
+    let clusters = vec![Cluster { along_variance: 12.0, across_variance: 0.0004, ..cluster(5.9, 2.01, 0.0) }];
+    let estimate = |(scan, odom_from_robot, pose): &(Scan, Pose, Pose)| Estimate {
+        stamp: scan.stamp,
+        odom_from_robot: *odom_from_robot,
+        world_from_robot: Some(*pose),
+        confidence: None,
     };
-    (RunResult { map, trajectory: stamped(|s| s.2), odometry: stamped(|s| s.1) }, scans)
+    let poses = scans.iter().map(estimate).collect();
+    (RunResult { map: LineMap { clusters, free: None }, poses }, scans)
 }
 
 #[test]

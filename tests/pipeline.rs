@@ -13,29 +13,28 @@ use ipslam::io::carmen::CarmenLog;
 use ipslam::io::relations;
 use ipslam::log::LogSource;
 use ipslam::metrics::relations::{RelationErrors, relation_errors};
-use ipslam::record::RunResult;
+use ipslam::pipeline;
+use ipslam::report::{Estimator as _, Event, RunResult};
 use ipslam::slam::Slam;
-use ipslam::smoothing::smooth;
 
 /// The filter and the smoothing, as `ipslam run` does them.
 fn map(log: &CarmenLog, config: &Config) -> RunResult {
-    let mut slam = Slam::new(*config);
-    for entry in log.open().unwrap() {
-        slam.add(&entry.unwrap(), &mut |_| {});
-    }
-    let mut result = slam.finish();
-    smooth(log, &mut result, config).unwrap();
-    result
+    pipeline::map(log, config).unwrap()
 }
 
 fn score(result: &RunResult, relations_file: &str) -> RelationErrors {
     let relations = relations::read(&data(relations_file).unwrap()).unwrap();
-    let errors = relation_errors(&relations, &result.trajectory);
+    let errors = relation_errors(&relations, &result.trajectory());
     assert_eq!(errors.unmatched, 0, "every relation names readings of the log");
     let stats = |errors: &Option<ipslam::metrics::PoseErrors>| {
         errors.map_or_else(String::new, |e| format!("{:.4} ± {:.4} m", e.translation.mean, e.translation.std))
     };
-    println!("{} clusters; all {}, loop {}", result.map.len(), stats(&errors.all), stats(&errors.loop_closing));
+    println!(
+        "{} clusters; all {}, loop {}",
+        result.map.clusters.len(),
+        stats(&errors.all),
+        stats(&errors.loop_closing)
+    );
     errors
 }
 
@@ -50,15 +49,19 @@ fn csail_is_mapped() {
     let result = map(&CarmenLog::new(log), &Config { seed: 1, ..Config::default() });
     let (all, loops) = means(&score(&result, "csail/mit-csail.relations.gz"));
     assert!(all <= 0.06 && loops <= 0.15, "seed 1: {all} m, loops {loops} m");
-    assert!((50..=300).contains(&result.map.len()), "seed 1: {} clusters", result.map.len());
-    assert_eq!(result.trajectory.len(), 1988);
+    assert!((50..=300).contains(&result.map.clusters.len()), "seed 1: {} clusters", result.map.clusters.len());
+    assert_eq!(result.trajectory().len(), 1988);
 
     // The score rejects the odometry that this was made from, and a map whose halves are half a metre apart.
-    let odometry = RunResult { trajectory: result.odometry.clone(), ..RunResult::default() };
+    let mut odometry = result.clone();
+    odometry.poses.iter_mut().for_each(|estimate| estimate.world_from_robot = Some(estimate.odom_from_robot));
     assert!(means(&score(&odometry, "csail/mit-csail.relations.gz")).1 > 5.0);
     let mut torn = result;
-    let half = torn.trajectory.len() / 2;
-    torn.trajectory[half..].iter_mut().for_each(|stamped| stamped.pose.x += 0.5);
+    let half = torn.poses.len() / 2;
+    torn.poses[half..]
+        .iter_mut()
+        .filter_map(|estimate| estimate.world_from_robot.as_mut())
+        .for_each(|pose| pose.x += 0.5);
     assert!(means(&score(&torn, "csail/mit-csail.relations.gz")).1 > 0.15);
 }
 
@@ -68,7 +71,7 @@ fn intel_loops_close() {
     let result = map(&CarmenLog::new(log), &Config { seed: 1, ..Config::default() });
     let (all, loops) = means(&score(&result, "intel/intel.relations.gz"));
     assert!(all <= 0.15 && loops <= 0.3, "seed 1: {all} m, loops {loops} m");
-    assert_eq!(result.trajectory.len(), 13_631 + 8_132, "a pose for every reading");
+    assert_eq!(result.trajectory().len(), 13_631 + 8_132, "a pose for every reading");
 }
 
 /// Table I to the letter keeps its track of the first minutes in most runs: with five effective particles, one of which
@@ -82,14 +85,15 @@ fn paper_preset_follows_csail() {
         let mut slam = Slam::new(Config { seed, ..Config::paper() });
         let mut steps = 0;
         for entry in CarmenLog::new(&log).open().unwrap().take(300) {
-            slam.add(&entry.unwrap(), &mut |report| {
+            slam.add(&entry.unwrap(), &mut |event| {
+                let Event::Step(report) = event else { return };
                 assert!(report.resampled, "the paper resamples every scan");
                 assert_eq!(report.particles.len(), 201);
                 steps += 1;
             });
         }
         assert_eq!(steps, 300, "the paper takes a step every scan");
-        let errors = relation_errors(&relations, &slam.finish().trajectory).all.unwrap();
+        let errors = relation_errors(&relations, &slam.result().trajectory()).all.unwrap();
         assert!(errors.translation.count > 50);
         errors.translation.mean
     });

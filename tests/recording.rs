@@ -4,9 +4,11 @@
 
 use ipslam::config::Config;
 use ipslam::geometry::{Pose, StampedPose};
+use ipslam::map::LineMap;
+use ipslam::pipeline::{RunInfo, Task};
 use ipslam::ppca::Cluster;
 use ipslam::record::rerun::{Level, RecordError, RerunObserver, layout};
-use ipslam::record::{Observer, ReportedParticle, RunInfo, RunResult, StageTimes, StepReport, Task};
+use ipslam::report::{Estimate, Event, Observer, ReportedParticle, RunResult, StageTimes, StepReport};
 use ipslam::scan::Scan;
 use nalgebra::{Isometry2, Point2, Vector2};
 use rerun::blueprint::components::ViewClass;
@@ -140,7 +142,7 @@ fn record(observer: &mut RerunObserver, step: u32, map: &[Cluster]) {
         world_from_robot: Pose::new(f64::from(i) * 0.1, f64::from(step), 0.0),
         weight: [0.2, 0.75, 0.05][i as usize],
     };
-    observer.on_step(&StepReport {
+    observer.on_event(&Event::Step(&StepReport {
         step,
         stamp: stamp(step),
         scan: &Scan {
@@ -163,15 +165,21 @@ fn record(observer: &mut RerunObserver, step: u32, map: &[Cluster]) {
             propagate: 0.3,
             weigh: 0.5,
             resample: 0.6,
+            estimate: 0.55,
             merge: 0.7 + f64::from(step),
         },
-    });
+    }));
 }
 
 fn result(steps: u32) -> RunResult {
-    let path =
-        |pose: fn(u32) -> Pose| (0..steps).map(|i| StampedPose { stamp: stamp(i), pose: pose(i) }).collect::<Vec<_>>();
-    RunResult { map: vec![wall(0.0), wall(5.0), wall(10.0)], trajectory: path(true_pose), odometry: path(odometry) }
+    let estimate = |i: u32| Estimate {
+        stamp: stamp(i),
+        odom_from_robot: odometry(i),
+        world_from_robot: Some(true_pose(i)),
+        confidence: None,
+    };
+    let map = LineMap { clusters: vec![wall(0.0), wall(5.0), wall(10.0)], free: None };
+    RunResult { map, poses: (0..steps).map(estimate).collect() }
 }
 
 /// Records `steps` steps, the map changing at the fourth, and reads the file.
@@ -183,7 +191,7 @@ fn recorded(steps: u32) -> Recording {
         let map = [wall(0.0), wall(5.0)];
         record(&mut observer, step, if step < 3 { &map[..1] } else { &map });
     }
-    observer.on_finish(&result(steps), true);
+    observer.on_event(&Event::Finished { result: &result(steps), is_smoothed: true });
     assert_eq!(observer.failure(), None);
     // The observer still lives: the file has to be complete without its end.
     Recording::read(&path)
@@ -251,7 +259,7 @@ fn many_particles_are_sampled() {
     let particles: Vec<_> = (0..10_000)
         .map(|i| ReportedParticle { world_from_robot: Pose::new(f64::from(i), 0.0, 0.0), weight: 1e-4 })
         .collect();
-    observer.on_step(&StepReport {
+    observer.on_event(&Event::Step(&StepReport {
         step: 0,
         stamp: 0.0,
         scan: &Scan::default(),
@@ -265,7 +273,7 @@ fn many_particles_are_sampled() {
         parents: &[],
         confidence: None,
         times: StageTimes::default(),
-    });
+    }));
     drop(observer);
     let shown = Recording::read(&path).points(layout::PARTICLES);
     let expected: Vec<_> = (0..2000).map(|i| [5.0 * f64::from(i), 0.0]).collect();
@@ -405,7 +413,7 @@ fn a_failure_during_the_run_is_kept_and_stops_nothing() {
     for step in 0..250 {
         record(&mut observer, step, &[wall(0.0)]);
     }
-    observer.on_finish(&result(250), true);
+    observer.on_event(&Event::Finished { result: &result(250), is_smoothed: true });
     reader.join().unwrap();
     let failure = observer.failure().expect("the pipe was closed");
     assert!(failure.contains("broke off at step") && failure.contains("is the disk full?"), "{failure}");

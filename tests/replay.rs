@@ -4,9 +4,10 @@
 
 use ipslam::config::Config;
 use ipslam::log::{LogEntry, LogSource};
+use ipslam::pipeline::{RunInfo, Task};
 use ipslam::record::rerun::read::{ReadError, RecordedRun};
 use ipslam::record::rerun::{Level, RerunObserver};
-use ipslam::record::{Observer, RunInfo, StepReport, Task};
+use ipslam::report::{Estimator as _, Event, Observer, StepReport};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 use std::io::{BufRead, BufReader};
@@ -32,14 +33,15 @@ fn record(path: &Path, level: Level, change: impl Fn(&mut StepReport<'_>)) -> Ve
     let mut slam = Slam::new(config());
     let entries = entries(400);
     for entry in &entries {
-        observer.on_entry(entry);
-        slam.add(entry, &mut |report| {
+        observer.on_event(&Event::Entry(entry));
+        slam.add(entry, &mut |event| {
+            let Event::Step(report) = event else { return };
             let mut report = report.clone();
             change(&mut report);
-            observer.on_step(&report);
+            observer.on_event(&Event::Step(&report));
         });
     }
-    observer.on_finish(&slam.finish(), false);
+    observer.on_event(&Event::Finished { result: &slam.result(), is_smoothed: false });
     assert_eq!(observer.failure(), None);
     entries
 }
@@ -68,12 +70,15 @@ fn a_recording_holds_the_run() {
         let mut slam = Slam::new(config());
         let mut steps = Vec::new();
         for entry in &entries {
-            slam.add(entry, &mut |report| steps.push((report.step, report.world_from_robot, report.checksum())));
+            slam.add(entry, &mut |event| {
+                let Event::Step(report) = event else { return };
+                steps.push((report.step, report.world_from_robot, report.checksum()));
+            });
         }
         assert!(steps.len() > 5, "{}", steps.len());
         let found: Vec<_> = run.steps.iter().map(|step| (step.step, step.world_from_robot, step.checksum)).collect();
         assert_eq!(found, steps);
-        assert_eq!(run.result.unwrap().checksum, slam.finish().checksum());
+        assert_eq!(run.result.unwrap().checksum, slam.result().checksum());
         let readings = entries.iter().filter(|entry| !matches!(entry, LogEntry::Truth { .. }));
         assert_eq!(run.trajectory().len(), readings.count());
     }
@@ -84,7 +89,8 @@ fn a_checksum_sees_every_bit() {
     let mut slam = Slam::new(config());
     let mut seen = 0;
     for entry in entries(60) {
-        slam.add(&entry, &mut |report| {
+        slam.add(&entry, &mut |event| {
+            let Event::Step(report) = event else { return };
             let is = report.checksum();
             let mut particles = report.particles.to_vec();
             particles[3].weight = f64::from_bits(particles[3].weight.to_bits() ^ 1);
@@ -162,8 +168,8 @@ fn child_that_records() {
     let mut observer = RerunObserver::to_file(Path::new(&path), &info(), Level::Light).unwrap();
     let mut slam = Slam::new(config());
     for entry in entries(5000) {
-        observer.on_entry(&entry);
-        slam.add(&entry, &mut |report| observer.on_step(report));
+        observer.on_event(&Event::Entry(&entry));
+        slam.add(&entry, &mut |event| observer.on_event(event));
         println!("\nentry");
         std::thread::sleep(Duration::from_millis(5));
     }

@@ -5,9 +5,9 @@ use flate2::{Compression, write::GzEncoder};
 use ipslam::clustering::ClusteringConfig;
 use ipslam::grid::{FreeArea, OccupancyGrid, RESOLUTION, clusters, drawn};
 use ipslam::io::carmen::CarmenWriter;
-use ipslam::io::map_json::SavedMap;
 use ipslam::io::mcap::Topics;
 use ipslam::io::{geojson, map_json, map_server, open_log, write_whole};
+use ipslam::map::LineMap;
 use ipslam::picture::Picture;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -62,7 +62,7 @@ impl Format {
 
 /// A map as it was read.
 enum Map {
-    Clusters(SavedMap),
+    Clusters(LineMap),
     Grid(OccupancyGrid),
 }
 
@@ -86,13 +86,13 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
         Format::Log | Format::LogGzip => bail!("{}: a map makes no log\n{POSSIBLE}", input.display()),
         Format::MapServer => map_server::write(output, &map.grid()?)?,
         Format::Json => {
-            let SavedMap { clusters, free } = map.clusters();
-            write_whole(output, |file| map_json::write_map(&clusters, free.as_ref(), file))?;
+            let map = map.clusters();
+            write_whole(output, |file| map_json::write_map(&map, file))?;
         }
         Format::GeoJson => write_whole(output, |file| geojson::write_walls(&map.clusters().clusters, file))?,
         Format::Svg => {
             let name = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            let SavedMap { clusters, .. } = map.clusters();
+            let LineMap { clusters, .. } = map.clusters();
             let picture = Picture::new(name).note(format!("{} clusters", clusters.len())).clusters(&clusters);
             write_whole(output, |file| file.write_all(picture.to_svg().as_bytes()))?;
         }
@@ -101,10 +101,10 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
 }
 
 impl Map {
-    fn clusters(self) -> SavedMap {
+    fn clusters(self) -> LineMap {
         match self {
             Self::Clusters(map) => map,
-            Self::Grid(grid) => SavedMap {
+            Self::Grid(grid) => LineMap {
                 clusters: clusters(&grid, &ClusteringConfig::default()),
                 free: FreeArea::from_grid(&grid, []),
             },
@@ -113,7 +113,7 @@ impl Map {
 
     fn grid(self) -> anyhow::Result<OccupancyGrid> {
         match self {
-            Self::Clusters(SavedMap { clusters, free }) => Ok(drawn(&clusters, free.as_ref(), RESOLUTION)?),
+            Self::Clusters(LineMap { clusters, free }) => Ok(drawn(&clusters, free.as_ref(), RESOLUTION)?),
             Self::Grid(grid) => Ok(grid),
         }
     }

@@ -5,7 +5,7 @@ use super::configuration::ConfigArgs;
 use super::interrupt;
 use super::log::LogArgs;
 use super::output::Outputs;
-use super::progress::Progress;
+use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::run::ThreadArgs;
 use anyhow::{Context as _, anyhow, bail, ensure};
@@ -13,18 +13,19 @@ use ipslam::config::Config;
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::grid::{self, FreeArea};
 use ipslam::io::{map_json, map_server, tum};
-use ipslam::localization::{KnownMap, Localization, Prior};
-use ipslam::log::{LogEntry, LogError, LogSource};
+use ipslam::localization::{InitialPose, Localization};
+use ipslam::log::{self, LogEntry, LogError, LogSource};
+use ipslam::map::LineMap;
 use ipslam::metrics::PoseLookup;
 use ipslam::picture::Figures;
-use ipslam::record::{Observer, RunInfo, RunResult, StepReport, Task};
+use ipslam::pipeline::{End, Outcome, Run, RunInfo, Task};
+use ipslam::report::{Estimate, RunResult};
 use ipslam::scan::Scan;
 use serde::Serialize;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Finds the robot in a finished map.
 #[derive(Debug, clap::Args)]
@@ -99,34 +100,34 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let info = RunInfo { task: Task::Localization, log: source.name(), device, config };
     let mut observers = args.recording.observers(&info)?;
 
-    let [position, heading] = args.start_spread;
-    let prior = args.start.map(|world_from_robot| Prior { world_from_robot, position, heading });
-    let from = args.start.map_or_else(|| format!("anywhere in {:.0} m²", map.free.area()), |pose| format!("{pose:?}"));
+    let [position_sigma, heading_sigma] = args.start_spread;
+    let initial = args.start.map(|world_from_robot| InitialPose { world_from_robot, position_sigma, heading_sigma });
+    let area = map.free.as_ref().map_or(0.0, FreeArea::area);
+    let from = args.start.map_or_else(|| format!("anywhere in {area:.0} m²"), |pose| format!("{pose:?}"));
     eprintln!("finding {} in {}, from {from}, on the {}", info.log, args.map.display(), info.device);
-    let began = Instant::now();
-    let filter = Localization::new(map.clone(), prior, config, evaluator);
-    let mut followed = follow(&*source, filter, &map, args.skip, &mut observers)?;
-    let seconds = began.elapsed().as_secs_f64();
+    let mut filter = Localization::new(map, initial, config, evaluator)
+        .with_context(|| format!("{}: no robot can be found in it", args.map.display()))?;
+    let run = Run { skip: args.skip, ..Run::of(&*source) };
+    let outcome = run_with_bar(&run, &mut filter, &mut observers, |counts, _| {
+        let place = if counts.is_located { "located" } else { "looking" };
+        format!("{} particles, {place}", counts.particles.last().unwrap_or(&0))
+    })?;
     for failure in observers.iter().filter_map(|observer| observer.failure()) {
         outputs.note(Err(anyhow!("the recording is not whole: {failure}")));
     }
     drop(observers);
-    ensure!(!followed.particles.is_empty(), "{}: no laser reading to find the robot by", info.log);
-    if let Some(error) = followed.broke_off.take() {
-        outputs.note(Err(error));
+    ensure!(outcome.counts.steps > 0, "{}: no laser reading to find the robot by", info.log);
+    if let End::BrokeOff(error) = &outcome.end {
+        outputs.note(Err(anyhow!("{error}")));
     }
 
-    outputs.write_trajectory("trajectory.tum", &followed.located());
+    outputs.write_trajectory("trajectory.tum", &outcome.result.trajectory());
     outputs.write("config.toml", toml::to_string(&config)?.as_bytes());
-    let summary = Summary {
-        args,
-        info: &info,
-        seconds,
-        errors: reference.as_deref().map(|reference| errors(&followed, reference)),
-        followed: &followed,
-    };
+    let readings = readings(&outcome.result);
+    let errors = reference.as_deref().map(|reference| errors(&readings, reference));
+    let summary = Summary { args, info: &info, outcome: &outcome, readings: &readings, errors };
     outputs.write("summary.json", format!("{:#}\n", summary.json()).as_bytes());
-    draw(&mut outputs, &*source, &map, &followed, &config, reference.as_deref().unwrap_or_default());
+    draw(&mut outputs, &*source, &outcome, &config, reference.as_deref().unwrap_or_default());
     let text = if args.json { format!("{:#}\n", summary.json()) } else { summary.table() };
     let _ = std::io::stdout().write_all(text.as_bytes());
     eprintln!("outputs are in {}", outputs.folder().display());
@@ -134,22 +135,22 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
 }
 
 /// Reads a map of either kind.
-fn known_map(path: &Path, config: &Config) -> anyhow::Result<KnownMap> {
+fn known_map(path: &Path, config: &Config) -> anyhow::Result<LineMap> {
     let shown = path.display();
     let map = match path.extension().and_then(|ending| ending.to_str()) {
         Some("json") => {
-            let saved = map_json::read_map(path)?;
-            let free = saved.free.with_context(|| {
-                format!(
-                    "{shown}: it does not tell where a robot can be; run the log again, or name map.yaml of the run"
-                )
-            })?;
-            KnownMap { clusters: saved.clusters, free }
+            let map = map_json::read_map(path)?;
+            ensure!(
+                map.free.is_some(),
+                "{shown}: it does not tell where a robot can be; run the log again, or name map.yaml of the run"
+            );
+            map
         }
         Some("yaml" | "yml") => {
             let grid = map_server::read(path)?;
-            let free = FreeArea::from_grid(&grid, []).with_context(|| format!("{shown}: no cell of it is free"))?;
-            KnownMap { clusters: grid::clusters(&grid, &config.clustering), free }
+            let free = FreeArea::from_grid(&grid, []);
+            ensure!(free.is_some(), "{shown}: no cell of it is free");
+            LineMap { clusters: grid::clusters(&grid, &config.clustering), free }
         }
         _ => bail!("{shown}: a map is a .json file as `ipslam run` writes it, or a .yaml file of ROS map_server"),
     };
@@ -157,36 +158,10 @@ fn known_map(path: &Path, config: &Config) -> anyhow::Result<KnownMap> {
     Ok(map)
 }
 
-/// What was found out about one reading.
-struct Reading {
-    stamp: f64,
+/// A reading, and how far the robot had come by then.
+struct Reading<'a> {
+    estimate: &'a Estimate,
     way: Way,
-    odom_from_robot: Pose,
-    /// The likeliest pose; none before the first scan.
-    world_from_robot: Option<Pose>,
-    is_located: bool,
-}
-
-/// A log, followed through the map.
-#[derive(Default)]
-struct Followed {
-    readings: Vec<Reading>,
-    /// Entries of the log before the first reading.
-    skipped: usize,
-    scans: u64,
-    /// Of each step.
-    particles: Vec<usize>,
-    first_step_seconds: f64,
-    evaluator_failure: Option<String>,
-    broke_off: Option<LogError>,
-}
-
-/// How many particles the steps had.
-#[derive(Serialize)]
-struct ParticleCounts {
-    first: usize,
-    most: usize,
-    median: usize,
 }
 
 /// How far the robot has come since the start, by its odometry.
@@ -196,108 +171,25 @@ struct Way {
     metres: f64,
 }
 
-fn follow(
-    source: &dyn LogSource,
-    mut filter: Localization,
-    map: &KnownMap,
-    skip: f64,
-    observers: &mut [Box<dyn Observer>],
-) -> anyhow::Result<Followed> {
-    let mut reader = source.open()?;
-    let mut progress = Progress::new(reader.progress().map(|(_, all)| all));
-    let mut followed = Followed::default();
-    let mut first_stamp: Option<f64> = None;
-    while let Some(entry) = reader.next().filter(|_| !interrupt::happened()) {
-        let entry = match entry {
-            Ok(entry) => entry,
-            Err(error) => {
-                followed.broke_off = Some(error);
-                break;
-            }
-        };
-        let (stamp, odom_from_robot) = match &entry {
-            LogEntry::Truth { .. } => continue,
-            LogEntry::Odometry { stamp, odom_from_robot } => (*stamp, *odom_from_robot),
-            LogEntry::Laser(reading) => (reading.stamp, reading.odom_from_robot),
-        };
-        let since = stamp - *first_stamp.get_or_insert(stamp);
-        if since < skip && followed.readings.is_empty() {
-            followed.skipped += 1;
-            continue;
-        }
-        let way = followed.readings.last().map_or_else(Way::default, |last| last.way_to(stamp, odom_from_robot));
-        followed.scans += u64::from(matches!(entry, LogEntry::Laser(_)));
-        observers.iter_mut().for_each(|observer| observer.on_entry(&entry));
-        let began = Instant::now();
-        filter.add(&entry, &mut |report| {
-            followed.step(report, began.elapsed().as_secs_f64());
-            observers.iter_mut().for_each(|observer| observer.on_step(report));
+fn readings(result: &RunResult) -> Vec<Reading<'_>> {
+    let mut readings: Vec<Reading<'_>> = Vec::with_capacity(result.poses.len());
+    for estimate in &result.poses {
+        let way = readings.last().map_or_else(Way::default, |last| Way {
+            seconds: last.way.seconds + estimate.stamp - last.estimate.stamp,
+            metres: last.way.metres
+                + estimate.odom_from_robot.seen_from(last.estimate.odom_from_robot).position().coords.norm(),
         });
-        let estimate = filter.estimate();
-        let is_located = estimate.is_some_and(|estimate| estimate.confidence.is_located);
-        let world_from_robot = estimate.map(|estimate| estimate.world_from_robot);
-        followed.readings.push(Reading { stamp, way, odom_from_robot, world_from_robot, is_located });
-        let place = if is_located { "located" } else { "looking" };
-        progress.update(reader.progress().map_or(followed.scans, |(done, _)| done), |_| {
-            format!("{} particles, {place}", followed.particles.last().unwrap_or(&0))
-        });
+        readings.push(Reading { estimate, way });
     }
-    progress.finish();
-    followed.evaluator_failure = filter.evaluator_failure().map(ToString::to_string);
-    let result = RunResult { map: map.clusters.clone(), trajectory: followed.located(), odometry: Vec::new() };
-    observers.iter_mut().for_each(|observer| observer.on_finish(&result, false));
-    Ok(followed)
+    readings
 }
 
-impl Reading {
-    /// The way from the start to a later reading, by this one.
-    fn way_to(&self, stamp: f64, odom_from_robot: Pose) -> Way {
-        Way {
-            seconds: self.way.seconds + stamp - self.stamp,
-            metres: self.way.metres + odom_from_robot.seen_from(self.odom_from_robot).position().coords.norm(),
-        }
-    }
-}
-
-impl Followed {
-    fn step(&mut self, report: &StepReport<'_>, seconds: f64) {
-        if self.particles.is_empty() {
-            self.first_step_seconds = seconds;
-        }
-        self.particles.push(report.particles.len());
-    }
-
-    fn particle_counts(&self) -> ParticleCounts {
-        let mut sorted = self.particles.clone();
-        sorted.sort_unstable();
-        let of = |count: Option<&usize>| count.copied().unwrap_or(0);
-        ParticleCounts {
-            first: of(self.particles.first()),
-            most: of(sorted.last()),
-            median: of(sorted.get(sorted.len() / 2)),
-        }
-    }
-
-    fn located_readings(&self) -> impl Iterator<Item = (&Reading, Pose)> {
-        let located = self.readings.iter().filter(|reading| reading.is_located);
-        located.filter_map(|reading| Some((reading, reading.world_from_robot?)))
-    }
-
-    fn first_fix(&self) -> Option<Way> {
-        self.located_readings().next().map(|(reading, _)| reading.way)
-    }
-
-    /// Poses that can be relied on.
-    fn located(&self) -> Vec<StampedPose> {
-        self.located_readings().map(|(reading, pose)| StampedPose { stamp: reading.stamp, pose }).collect()
-    }
-
-    /// Odometry at the same readings.
-    fn odometry(&self) -> Vec<StampedPose> {
-        let stamped =
-            |(reading, _): (&Reading, Pose)| StampedPose { stamp: reading.stamp, pose: reading.odom_from_robot };
-        self.located_readings().map(stamped).collect()
-    }
+/// How many particles the steps had.
+#[derive(Serialize)]
+struct ParticleCounts {
+    first: usize,
+    most: usize,
+    median: usize,
 }
 
 /// Located poses against true ones.
@@ -313,18 +205,18 @@ struct Errors {
     largest_error_m: f64,
 }
 
-fn errors(followed: &Followed, reference: &[StampedPose]) -> Errors {
+fn errors(readings: &[Reading<'_>], reference: &[StampedPose]) -> Errors {
     const RIGHT: (f64, f64) = (0.5, 10.0 * std::f64::consts::PI / 180.0);
     let truth = PoseLookup::new(reference);
     let (mut compared, mut first_right_fix, mut right): (_, _, Vec<f64>) = (0, None, Vec::new());
-    for (reading, pose) in followed.located_readings() {
-        let Some(truth) = truth.at(reading.stamp) else { continue };
+    for Reading { estimate, way } in readings {
+        let (Some(pose), Some(truth)) = (estimate.relied_on(), truth.at(estimate.stamp)) else { continue };
         compared += 1;
         let off = pose.seen_from(truth);
         let error = off.position().coords.norm();
         if error < RIGHT.0 && off.heading.abs() < RIGHT.1 {
             right.push(error);
-            first_right_fix.get_or_insert(reading.way);
+            first_right_fix.get_or_insert(*way);
         }
     }
     right.sort_by(f64::total_cmp);
@@ -339,30 +231,18 @@ fn errors(followed: &Followed, reference: &[StampedPose]) -> Errors {
 }
 
 /// Map, scans and path of the located readings.
-fn draw(
-    outputs: &mut Outputs,
-    source: &dyn LogSource,
-    map: &KnownMap,
-    followed: &Followed,
-    config: &Config,
-    reference: &[StampedPose],
-) {
-    let result = RunResult { map: map.clusters.clone(), trajectory: followed.located(), odometry: followed.odometry() };
-    let mut figures = Figures::new(source.name(), &result, reference);
+fn draw(outputs: &mut Outputs, source: &dyn LogSource, outcome: &Outcome, config: &Config, reference: &[StampedPose]) {
+    let mut figures = Figures::new(source.name(), &outcome.result, reference);
     let mut add_scans = || -> Result<(), LogError> {
-        let mut readings = followed.readings.iter();
-        let is_reading = |entry: &Result<LogEntry, LogError>| !matches!(entry, Ok(LogEntry::Truth { .. }));
-        for entry in source.open()?.filter(is_reading).skip(followed.skipped) {
-            let entry = entry?;
-            let Some(reading) = readings.next() else { break };
-            if let (LogEntry::Laser(laser), Some(pose), true) = (entry, reading.world_from_robot, reading.is_located) {
+        for (reading, estimate) in log::readings(source)?.skip(outcome.skipped).zip(&outcome.result.poses) {
+            if let ((_, LogEntry::Laser(laser)), Some(pose)) = (reading?, estimate.relied_on()) {
                 let scan = Scan::from_reading(&laser, config.scan.min_range, config.scan.max_range);
-                figures.add_scan(&scan, reading.odom_from_robot, pose);
+                figures.add_scan(&scan, estimate.odom_from_robot, pose);
             }
         }
         Ok(())
     };
-    if followed.broke_off.is_none() {
+    if !matches!(outcome.end, End::BrokeOff(_)) {
         outputs.note(add_scans().context("the log cannot be read again for the pictures"));
     }
     match figures.map() {
@@ -374,19 +254,38 @@ fn draw(
 struct Summary<'a> {
     args: &'a LocalizeArgs,
     info: &'a RunInfo,
-    followed: &'a Followed,
-    seconds: f64,
+    outcome: &'a Outcome,
+    readings: &'a [Reading<'a>],
     errors: Option<Errors>,
 }
 
 impl Summary<'_> {
     fn log_seconds(&self) -> f64 {
-        let stamps = || self.followed.readings.iter().map(|reading| reading.stamp);
-        stamps().fold(f64::NEG_INFINITY, f64::max) - stamps().next().unwrap_or(0.0)
+        self.outcome.counts.log_seconds()
+    }
+
+    fn located(&self) -> impl Iterator<Item = &Reading<'_>> {
+        self.readings.iter().filter(|reading| reading.estimate.relied_on().is_some())
+    }
+
+    fn first_fix(&self) -> Option<Way> {
+        self.located().next().map(|reading| reading.way)
     }
 
     fn located_share(&self) -> f64 {
-        self.followed.located_readings().count() as f64 / self.followed.readings.len().max(1) as f64
+        self.located().count() as f64 / self.readings.len().max(1) as f64
+    }
+
+    fn particles(&self) -> ParticleCounts {
+        let particles = &self.outcome.counts.particles;
+        let mut sorted = particles.clone();
+        sorted.sort_unstable();
+        let of = |count: Option<&usize>| count.copied().unwrap_or(0);
+        ParticleCounts {
+            first: of(particles.first()),
+            most: of(sorted.last()),
+            median: of(sorted.get(sorted.len() / 2)),
+        }
     }
 
     fn json(&self) -> serde_json::Value {
@@ -397,19 +296,19 @@ impl Summary<'_> {
             "log": self.info.log,
             "device": self.info.device,
             "seed": self.info.config.seed,
-            "scans": self.followed.scans,
-            "steps": self.followed.particles.len(),
-            "particles": self.followed.particle_counts(),
-            "first_fix": self.followed.first_fix(),
+            "scans": self.outcome.counts.scans,
+            "steps": self.outcome.counts.steps,
+            "particles": self.particles(),
+            "first_fix": self.first_fix(),
             "located_share": self.located_share(),
             "against_reference": self.errors,
             "time": {
-                "seconds": self.seconds,
-                "first_step_s": self.followed.first_step_seconds,
+                "seconds": self.outcome.filter_seconds,
+                "first_step_s": self.outcome.counts.first_step_seconds,
                 "log_s": self.log_seconds(),
-                "times_real_time": self.log_seconds() / self.seconds.max(1e-9),
+                "times_real_time": self.log_seconds() / self.outcome.filter_seconds.max(1e-9),
             },
-            "evaluator_failure": self.followed.evaluator_failure,
+            "evaluator_failure": self.outcome.evaluator_failure,
         })
     }
 
@@ -417,14 +316,11 @@ impl Summary<'_> {
         let fix = |fix: Option<Way>| {
             fix.map_or("never".to_owned(), |Way { seconds, metres }| format!("after {seconds:.1} s and {metres:.1} m"))
         };
-        let (scans, steps) = (self.followed.scans, self.followed.particles.len());
-        let ParticleCounts { first, most, median } = self.followed.particle_counts();
+        let (scans, steps) = (self.outcome.counts.scans, self.outcome.counts.steps);
+        let ParticleCounts { first, most, median } = self.particles();
         let mut rows = vec![
             ("log", format!("{}: {scans} scans in {:.1} s, {steps} steps", self.info.log, self.log_seconds())),
-            (
-                "located",
-                format!("{}, in {:.1} % of the readings", fix(self.followed.first_fix()), 100.0 * self.located_share()),
-            ),
+            ("located", format!("{}, in {:.1} % of the readings", fix(self.first_fix()), 100.0 * self.located_share())),
             ("", format!("particles: {first} at first, {most} at most, {median} at the median")),
         ];
         if let Some(Errors { compared, right, first_right_fix, median_error_m, largest_error_m }) = &self.errors {
@@ -432,11 +328,14 @@ impl Summary<'_> {
             rows.push(("", format!("first right fix {}", fix(*first_right_fix))));
             rows.push(("", format!("error {median_error_m:.3} m at the median, {largest_error_m:.3} m at most")));
         }
-        let speed = self.log_seconds() / self.seconds.max(1e-9);
-        let first = 1e3 * self.followed.first_step_seconds;
-        rows.push(("time", format!("{:.1} s: {speed:.1} times real time; first step {first:.0} ms", self.seconds)));
+        let speed = self.log_seconds() / self.outcome.filter_seconds.max(1e-9);
+        let first = 1e3 * self.outcome.counts.first_step_seconds;
+        rows.push((
+            "time",
+            format!("{:.1} s: {speed:.1} times real time; first step {first:.0} ms", self.outcome.filter_seconds),
+        ));
         rows.push(("", format!("particles on the {}", self.info.device)));
-        rows.extend(self.followed.evaluator_failure.iter().map(|failure| ("warning", failure.clone())));
+        rows.extend(self.outcome.evaluator_failure.iter().map(|failure| ("warning", failure.clone())));
         rows.iter().fold(String::new(), |mut table, (label, text)| {
             let _ = writeln!(table, "{label:<8} {text}");
             table

@@ -14,7 +14,6 @@ mod help;
 mod interrupt;
 mod localize;
 mod log;
-mod mapping;
 mod output;
 mod progress;
 mod recording;

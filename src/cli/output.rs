@@ -1,14 +1,14 @@
 //! The files of a run. One that cannot be written does not keep the others from being written.
 
-use super::mapping::Mapped;
 use anyhow::Context as _;
 use ipslam::config::Config;
 use ipslam::geometry::StampedPose;
 use ipslam::grid::{FreeArea, GridBuilder, RESOLUTION};
 use ipslam::io::{geojson, map_json, map_server, tum, write_whole};
-use ipslam::log::{LogEntry, LogSource};
+use ipslam::log::{LogEntry, LogSource, readings};
+use ipslam::map::LineMap;
 use ipslam::picture::Figures;
-use ipslam::ppca::Cluster;
+use ipslam::pipeline::Outcome;
 use ipslam::scan::Scan;
 use std::path::{Path, PathBuf};
 
@@ -57,9 +57,9 @@ impl Outputs {
     }
 
     /// Writes `map.json`; returns its size in bytes.
-    fn write_map(&mut self, clusters: &[Cluster], free: Option<&FreeArea>) -> usize {
+    fn write_map(&mut self, map: &LineMap) -> usize {
         let mut bytes = Vec::new();
-        match map_json::write_map(clusters, free, &mut bytes) {
+        match map_json::write_map(map, &mut bytes) {
             Ok(()) => self.write("map.json", &bytes),
             Err(error) => self.note(Err(anyhow::Error::new(error).context("map.json"))),
         }
@@ -74,7 +74,7 @@ impl Outputs {
         &mut self,
         source: &dyn LogSource,
         config: &Config,
-        mapped: &Mapped,
+        mapped: &Outcome,
         reference: &[StampedPose],
     ) -> usize {
         let result = &mapped.result;
@@ -82,7 +82,7 @@ impl Outputs {
         let mut builder = GridBuilder::new(RESOLUTION);
         let added = add_scans(&mut figures, &mut builder, source, config, mapped);
         self.note(added.context("the log cannot be read again for the grid and the pictures"));
-        let driven = result.trajectory.iter().map(|stamped| stamped.pose.position());
+        let driven = result.relied_on().map(|(_, pose)| pose.position());
         let free = match builder.finish() {
             Ok(grid) => {
                 let written = map_server::write(&self.path("map.yaml"), &grid);
@@ -94,8 +94,9 @@ impl Outputs {
                 None
             }
         };
-        let map_bytes = self.write_map(&result.map, free.as_ref());
-        let walls = write_whole(&self.path("walls.geojson"), |file| geojson::write_walls(&result.map, file));
+        let map = LineMap { free, ..result.map.clone() };
+        let map_bytes = self.write_map(&map);
+        let walls = write_whole(&self.path("walls.geojson"), |file| geojson::write_walls(&map.clusters, file));
         self.note(walls);
         self.draw(&figures);
         map_bytes
@@ -119,23 +120,13 @@ fn add_scans(
     builder: &mut GridBuilder,
     source: &dyn LogSource,
     config: &Config,
-    mapped: &Mapped,
+    mapped: &Outcome,
 ) -> anyhow::Result<()> {
-    let mut poses = mapped.result.trajectory.iter().zip(&mapped.result.odometry);
-    let mut reader = source.open()?;
-    // One pose belongs to each laser and odometry entry, in this order. Once they are used up nothing more is read.
-    while poses.len() > 0
-        && let Some(entry) = reader.next()
-    {
-        match entry? {
-            LogEntry::Truth { .. } => {}
-            LogEntry::Odometry { .. } => drop(poses.next()),
-            LogEntry::Laser(reading) => {
-                let Some((found, odometry)) = poses.next() else { break };
-                let scan = Scan::from_reading(&reading, config.scan.min_range, config.scan.max_range);
-                figures.add_scan(&scan, odometry.pose, found.pose);
-                builder.add_scan(&scan, reading.robot_from_laser, found.pose);
-            }
+    for (reading, estimate) in readings(source)?.zip(&mapped.result.poses) {
+        if let ((_, LogEntry::Laser(reading)), Some(pose)) = (reading?, estimate.relied_on()) {
+            let scan = Scan::from_reading(&reading, config.scan.min_range, config.scan.max_range);
+            figures.add_scan(&scan, estimate.odom_from_robot, pose);
+            builder.add_scan(&scan, reading.robot_from_laser, pose);
         }
     }
     Ok(())

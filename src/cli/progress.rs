@@ -1,12 +1,35 @@
 //! The progress bar: how far the log is, how fast, and how the filter does. None where stderr is no terminal.
 
+use super::interrupt;
 use indicatif::{ProgressBar, ProgressStyle};
+use ipslam::log::LogError;
+use ipslam::pipeline::{Counts, Outcome, Run};
+use ipslam::report::{Estimator, Observer};
 use std::time::{Duration, Instant};
 
 const EVERY: Duration = Duration::from_millis(100);
 
+/// Runs a log with a bar on stderr, until it ends or the user wants no more; `message` says how the filter does after so
+/// many seconds.
+pub fn run_with_bar(
+    run: &Run<'_>,
+    estimator: &mut dyn Estimator,
+    observers: &mut [Box<dyn Observer + '_>],
+    message: impl Fn(&Counts, f64) -> String,
+) -> Result<Outcome, LogError> {
+    let mut bar = None;
+    let outcome = run.run(estimator, observers, &mut |progress| {
+        let bar = bar.get_or_insert_with(|| Progress::new(progress.bytes.map(|(_, all)| all)));
+        let done = progress.bytes.map_or(progress.counts.scans, |(done, _)| done);
+        bar.update(done, |seconds| message(progress.counts, seconds));
+        !interrupt::happened()
+    });
+    bar.into_iter().for_each(Progress::finish);
+    outcome
+}
+
 /// A bar on stderr.
-pub struct Progress {
+struct Progress {
     bar: ProgressBar,
     began: Instant,
     updated: Instant,
@@ -14,7 +37,7 @@ pub struct Progress {
 
 impl Progress {
     /// A bar for a log of so many bytes or entries, or a spinner where that is not known.
-    pub fn new(length: Option<u64>) -> Self {
+    fn new(length: Option<u64>) -> Self {
         let bar = length.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
         let parts =
             if length.is_some() { "{bar:12} {percent:>3} % {elapsed}, {eta} left" } else { "{spinner} {elapsed}" };
@@ -26,7 +49,7 @@ impl Progress {
     }
 
     /// Shows where the run is; what is said besides may depend on the seconds since it began.
-    pub fn update(&mut self, done: u64, message: impl FnOnce(f64) -> String) {
+    fn update(&mut self, done: u64, message: impl FnOnce(f64) -> String) {
         if self.updated.elapsed() < EVERY || self.bar.is_hidden() {
             return;
         }
@@ -37,7 +60,7 @@ impl Progress {
     }
 
     /// Takes the bar away.
-    pub fn finish(self) {
+    fn finish(self) {
         self.bar.finish_and_clear();
     }
 }

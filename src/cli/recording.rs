@@ -1,7 +1,8 @@
 //! `--record` and `--connect`: the run for the Rerun viewer, with the feature `record`.
 
 use clap::ValueEnum;
-use ipslam::record::{Observer, RunInfo};
+use ipslam::pipeline::RunInfo;
+use ipslam::report::Observer;
 use std::path::PathBuf;
 
 /// Where to record.

@@ -51,16 +51,16 @@ pub use with_recorder::replay;
 mod with_recorder {
     use super::super::backend::Chosen;
     use super::super::interrupt;
-    use super::super::mapping::Mapped;
     use super::super::output::Outputs;
     use super::super::run::Job;
     use super::ReplayArgs;
     use anyhow::{bail, ensure};
     use ipslam::config::Config;
-    use ipslam::log::{LogEntry, LogSource as _};
+    use ipslam::log::LogSource as _;
+    use ipslam::pipeline::{Outcome, RunInfo, Task};
     use ipslam::record::rerun::RerunObserver;
     use ipslam::record::rerun::read::{RecordedRun, RecordedStep};
-    use ipslam::record::{Observer, RunInfo, RunResult, StageTimes, StepReport, Task};
+    use ipslam::report::{Event, Observer, StageTimes};
     use serde_json::json;
     use std::cell::RefCell;
     use std::fmt::Write as _;
@@ -134,18 +134,12 @@ mod with_recorder {
     struct Listener(Rc<RefCell<Replayed>>);
 
     impl Observer for Listener {
-        fn on_entry(&mut self, _: &LogEntry) {}
-
-        fn on_step(&mut self, report: &StepReport<'_>) {
-            self.0.borrow_mut().steps.push(RecordedStep::from(report));
-        }
-
-        fn on_finish(&mut self, result: &RunResult, _: bool) {
-            self.0.borrow_mut().result = Some(result.checksum());
-        }
-
-        fn failure(&self) -> Option<&str> {
-            None
+        fn on_event(&mut self, event: &Event<'_>) {
+            match event {
+                Event::Step(report) => self.0.borrow_mut().steps.push(RecordedStep::from(*report)),
+                Event::Finished { result, .. } => self.0.borrow_mut().result = Some(result.checksum()),
+                Event::Entry(_) | Event::Scan(_) | Event::Pose(_) => {}
+            }
         }
     }
 
@@ -193,7 +187,7 @@ mod with_recorder {
             recorded: &'a RecordedRun,
             config: &'a Config,
             replayed: &'a Replayed,
-            mapped: &Mapped,
+            mapped: &Outcome,
             info: &'a RunInfo,
         ) -> Self {
             let (was, is) = (&recorded.steps, &replayed.steps);
@@ -203,7 +197,7 @@ mod with_recorder {
             let distances: Vec<f64> = recorded
                 .trajectory()
                 .iter()
-                .zip(&mapped.result.trajectory)
+                .zip(mapped.result.trajectory())
                 .map(|(was, is)| (was - is.pose.position()).norm())
                 .collect();
             let mean = distances.iter().sum::<f64>() / distances.len().max(1) as f64;
@@ -255,16 +249,11 @@ mod with_recorder {
         }
 
         /// Milliseconds a step, by stage.
-        fn milliseconds(&self) -> [(&'static str, f64); 6] {
-            let mean = |of: fn(&StageTimes) -> f64| 1e3 * self.mean(|step| of(&step.times));
-            [
-                ("cluster", mean(|times| times.cluster)),
-                ("track", mean(|times| times.track)),
-                ("propagate", mean(|times| times.propagate)),
-                ("weigh", mean(|times| times.weigh)),
-                ("resample", mean(|times| times.resample)),
-                ("merge", mean(|times| times.merge)),
-            ]
+        fn milliseconds(&self) -> [(&'static str, f64); 7] {
+            std::array::from_fn(|stage| {
+                let mean = self.mean(|step| step.times.seconds()[stage]);
+                (StageTimes::NAMES[stage], 1e3 * mean)
+            })
         }
 
         fn rows(&self) -> Vec<(String, String)> {

@@ -4,8 +4,8 @@ use super::backend::{BackendArgs, Chosen};
 use super::configuration::ConfigArgs;
 use super::interrupt;
 use super::log::LogArgs;
-use super::mapping::{End, Mapped, map_log};
 use super::output::Outputs;
+use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::summary::Summary;
 use super::truth::{Truth, TruthArgs};
@@ -13,7 +13,8 @@ use anyhow::{Context as _, anyhow};
 use ipslam::config::Config;
 use ipslam::evaluator::Evaluator;
 use ipslam::log::LogSource;
-use ipslam::record::{Observer, RunInfo, Task};
+use ipslam::pipeline::{Counts, End, Outcome, Run, RunInfo, Task};
+use ipslam::report::Observer;
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 use std::io::Write as _;
@@ -79,6 +80,17 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     Ok(outputs.errors)
 }
 
+/// What the progress bar says.
+fn progress_message(counts: &Counts, seconds: f64) -> String {
+    format!(
+        "{:.0} scans/s, {:.0}x real time, ESS {:.0}, {} clusters",
+        counts.scans as f64 / seconds,
+        counts.log_seconds() / seconds,
+        counts.effective_last,
+        counts.clusters,
+    )
+}
+
 /// A run about to start.
 pub struct Job<'a> {
     pub source: &'a dyn LogSource,
@@ -99,32 +111,35 @@ impl Job<'_> {
         evaluator: Option<Box<dyn Evaluator>>,
         observers: &mut [Box<dyn Observer + '_>],
         outputs: &mut Outputs,
-    ) -> anyhow::Result<Mapped> {
+    ) -> anyhow::Result<Outcome> {
         let RunInfo { log: name, device, config, .. } = self.info;
         eprintln!("mapping {name}: {} particles in {} maps on the {device}", config.particles, config.maps);
-        let slam = match evaluator {
+        let mut slam = match evaluator {
             Some(evaluator) => Slam::with_evaluator(*config, evaluator),
             None => Slam::new(*config),
         };
-        let mut mapped = map_log(self.source, slam, config, self.max_scans, self.smooth, observers)?;
+        let smoothing = self.smooth.then_some(config);
+        let run = Run { max_scans: self.max_scans, smoothing, ..Run::of(self.source) };
+        let mut mapped = run_with_bar(&run, &mut slam, observers, progress_message)?;
         for failure in observers.iter().filter_map(|observer| observer.failure()) {
             outputs.note(Err(anyhow!("the recording is not whole: {failure}")));
         }
-        if mapped.tally.scans > 0 {
+        if mapped.counts.scans > 0 {
             self.write(&mut mapped, outputs)?;
         }
         Ok(mapped)
     }
 
-    fn write(&self, mapped: &mut Mapped, outputs: &mut Outputs) -> anyhow::Result<()> {
+    fn write(&self, mapped: &mut Outcome, outputs: &mut Outputs) -> anyhow::Result<()> {
         let RunInfo { log: name, device, config, .. } = self.info;
         let smoothed = std::mem::replace(&mut mapped.smoothing, Ok(()));
         outputs
             .note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
         let trajectory_path = outputs.path("trajectory.tum");
-        outputs.write_trajectory("trajectory.tum", &mapped.result.trajectory);
+        let trajectory = mapped.result.trajectory();
+        outputs.write_trajectory("trajectory.tum", &trajectory);
         outputs.write("config.toml", toml::to_string(config)?.as_bytes());
-        let (report, truth) = self.truth.score(&trajectory_path, &mapped.result.trajectory, &mapped.truth);
+        let (report, truth) = self.truth.score(&trajectory_path, &trajectory, &mapped.truth);
         let began = Instant::now();
         let map_bytes = outputs.look_again(self.source, config, mapped, &truth);
         let drawing_seconds = began.elapsed().as_secs_f64();
@@ -149,9 +164,9 @@ impl RunArgs {
     }
 
     /// Where there was no laser reading: what to tell.
-    fn nothing_mapped(&self, mapped: &Mapped) -> anyhow::Result<()> {
+    fn nothing_mapped(&self, mapped: &Outcome) -> anyhow::Result<()> {
         match &mapped.end {
-            _ if mapped.tally.scans > 0 => Ok(()),
+            _ if mapped.counts.scans > 0 => Ok(()),
             End::Interrupted => Ok(()),
             End::BrokeOff(error) => Err(anyhow!("{error}")),
             End::Log | End::MaxScans => {

@@ -1,9 +1,9 @@
 //! What a run tells of itself: `summary.json`, and the same as a short table.
 
 use super::eval::Report;
-use super::mapping::{End, Mapped};
 use ipslam::config::Config;
-use ipslam::record::StageTimes;
+use ipslam::pipeline::{End, Outcome};
+use ipslam::report::StageTimes;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -16,7 +16,7 @@ const NUMBERS_PER_POINT: u64 = 2;
 pub struct Summary<'a> {
     pub name: &'a str,
     pub device: &'a str,
-    pub mapped: &'a Mapped,
+    pub mapped: &'a Outcome,
     pub config: &'a Config,
     pub map_bytes: usize,
     pub drawing_seconds: f64,
@@ -25,21 +25,26 @@ pub struct Summary<'a> {
 
 impl Summary<'_> {
     fn clusters(&self) -> u64 {
-        self.mapped.result.map.len() as u64
+        self.mapped.result.map.clusters.len() as u64
     }
 
     /// Numbers of the map, as a share of those of the points.
     fn share_of_points(&self) -> f64 {
-        let points = NUMBERS_PER_POINT * self.mapped.tally.points;
+        let points = NUMBERS_PER_POINT * self.mapped.counts.points;
         (NUMBERS_PER_CLUSTER * self.clusters()) as f64 / points.max(1) as f64
     }
 
     fn effective_mean(&self) -> f64 {
-        self.mapped.tally.effective_sum / self.mapped.tally.steps.max(1) as f64
+        self.mapped.counts.effective_sum / self.mapped.counts.steps.max(1) as f64
     }
 
     fn times_real_time(&self) -> f64 {
-        self.mapped.tally.log_seconds() / self.mapped.seconds().max(1e-9)
+        self.mapped.counts.log_seconds() / self.seconds().max(1e-9)
+    }
+
+    /// Seconds from the first entry to the finished map.
+    fn seconds(&self) -> f64 {
+        self.mapped.filter_seconds + self.mapped.smoothing_seconds
     }
 
     fn is_scored(&self) -> bool {
@@ -48,12 +53,12 @@ impl Summary<'_> {
 
     /// What is worth a look, though the run went on.
     fn warnings(&self) -> Vec<String> {
-        let (stats, tally) = (&self.mapped.stats, &self.mapped.tally);
+        let (stats, counts) = (&self.mapped.stats, &self.mapped.counts);
         let mut warnings = Vec::new();
         match &self.mapped.end {
             End::Log => {}
-            End::MaxScans => warnings.push(format!("ended after {} scans, as asked for", tally.scans)),
-            End::Interrupted => warnings.push(format!("interrupted after {} scans", tally.scans)),
+            End::MaxScans => warnings.push(format!("ended after {} scans, as asked for", counts.scans)),
+            End::Interrupted => warnings.push(format!("interrupted after {} scans", counts.scans)),
             End::BrokeOff(error) => warnings.push(format!("the log breaks off: {error}")),
         }
         if let Some(failure) = &self.mapped.evaluator_failure {
@@ -83,10 +88,10 @@ impl Summary<'_> {
             let count = stats.backward_stamps;
             warnings.push(format!("stamps that go backwards: {count}; the order of the log counted, not the stamps"));
         }
-        if tally.empty_scans > 0 {
-            warnings.push(format!("scans without a point: {} of {}", tally.empty_scans, tally.scans));
+        if counts.empty_scans > 0 {
+            warnings.push(format!("scans without a point: {} of {}", counts.empty_scans, counts.scans));
         }
-        if tally.scans == 1 {
+        if counts.scans == 1 {
             warnings.push("one scan only: the map is what it saw".to_owned());
         }
         let nothing_matched = "no stamp finds a pose of the trajectory; is it of the same log and clock?";
@@ -102,7 +107,7 @@ impl Summary<'_> {
     /// Everything, units in the names.
     pub fn json(&self) -> serde_json::Result<Value> {
         let Self { mapped, config, .. } = self;
-        let tally = &mapped.tally;
+        let counts = &mapped.counts;
         let of_particles = |count: f64| count / config.particles as f64;
         Ok(json!({
             "program": "ipslam",
@@ -115,38 +120,38 @@ impl Summary<'_> {
                     End::Interrupted => "interrupt",
                     End::BrokeOff(_) => "broken log",
                 },
-                "duration_s": tally.log_seconds(),
+                "duration_s": counts.log_seconds(),
                 "stats": mapped.stats,
             },
             "beams": {
-                "scans": tally.scans,
-                "scans_without_points": tally.empty_scans,
-                "points": tally.points,
-                "no_return": tally.no_return,
-                "invalid": tally.invalid,
+                "scans": counts.scans,
+                "scans_without_points": counts.empty_scans,
+                "points": counts.points,
+                "no_return": counts.no_return,
+                "invalid": counts.invalid,
             },
             "map": {
                 "clusters": self.clusters(),
                 "numbers": NUMBERS_PER_CLUSTER * self.clusters(),
-                "numbers_of_points": NUMBERS_PER_POINT * tally.points,
+                "numbers_of_points": NUMBERS_PER_POINT * counts.points,
                 "share_of_points": self.share_of_points(),
                 "json_bytes": self.map_bytes,
             },
             "filter": {
-                "steps": tally.steps,
-                "resamplings": tally.resamplings,
+                "steps": counts.steps,
+                "resamplings": counts.resamplings,
                 "effective_sample_size": {
                     "mean": self.effective_mean(),
-                    "worst": tally.effective_worst,
+                    "worst": counts.effective_worst,
                     "mean_share": of_particles(self.effective_mean()),
-                    "worst_share": of_particles(tally.effective_worst),
+                    "worst_share": of_particles(counts.effective_worst),
                 },
             },
             "time": {
                 "filter_s": mapped.filter_seconds,
                 "smoothing_s": mapped.smoothing_seconds,
                 "times_real_time": self.times_real_time(),
-                "stages_s": tally.times,
+                "stages_s": counts.times,
                 "drawing_s": self.drawing_seconds,
             },
             "peak_memory_bytes": peak_memory(),
@@ -162,14 +167,14 @@ impl Summary<'_> {
     /// The same in some twenty lines.
     pub fn table(&self) -> String {
         let Self { mapped, config, .. } = self;
-        let tally = &mapped.tally;
+        let counts = &mapped.counts;
         let percent = |count: f64| 100.0 * count / config.particles as f64;
-        let StageTimes { cluster, track, propagate, weigh, resample, merge } = tally.times;
+        let StageTimes { cluster, track, propagate, weigh, resample, merge, .. } = counts.times;
         let rows = [
-            ("log", format!("{}: {} scans in {:.1} s", self.name, tally.scans, tally.log_seconds())),
+            ("log", format!("{}: {} scans in {:.1} s", self.name, counts.scans, counts.log_seconds())),
             (
                 "beams",
-                format!("{} points, {} without return, {} invalid", tally.points, tally.no_return, tally.invalid),
+                format!("{} points, {} without return, {} invalid", counts.points, counts.no_return, counts.invalid),
             ),
             (
                 "map",
@@ -181,22 +186,22 @@ impl Summary<'_> {
                 ),
             ),
             ("filter", format!("{} particles in {} maps, seed {}", config.particles, config.maps, config.seed)),
-            ("", format!("{} steps, resampled in {}", tally.steps, tally.resamplings)),
+            ("", format!("{} steps, resampled in {}", counts.steps, counts.resamplings)),
             (
                 "",
                 format!(
                     "effective sample size {:.1} on average ({:.0} %), {:.1} at worst ({:.0} %)",
                     self.effective_mean(),
                     percent(self.effective_mean()),
-                    tally.effective_worst,
-                    percent(tally.effective_worst)
+                    counts.effective_worst,
+                    percent(counts.effective_worst)
                 ),
             ),
             (
                 "time",
                 format!(
                     "{:.1} s with {} threads: {:.1} times real time; {:.1} s for the pictures",
-                    mapped.seconds(),
+                    self.seconds(),
                     rayon::current_num_threads(),
                     self.times_real_time(),
                     self.drawing_seconds

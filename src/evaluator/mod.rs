@@ -135,8 +135,8 @@ pub struct Proposal {
     pub mode: Mode,
 }
 
-/// The highest of the tops that particles climbed to; `None` where there is no particle.
-pub fn highest(proposals: Vec<Proposal>) -> Option<Mode> {
+/// The highest mode that particles climbed to; `None` where there is no particle.
+pub fn best_mode(proposals: Vec<Proposal>) -> Option<Mode> {
     let modes = proposals.into_iter().map(|proposal| proposal.mode);
     modes.reduce(|a, b| if b.log_posterior > a.log_posterior { b } else { a })
 }

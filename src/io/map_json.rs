@@ -10,6 +10,7 @@
 
 use crate::geometry::Pose;
 use crate::grid::FreeArea;
+use crate::map::LineMap;
 use crate::ppca::Cluster;
 use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -74,15 +75,6 @@ pub enum MapError {
     },
 }
 
-/// What a map file tells, in the world's frame.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SavedMap {
-    /// The walls, in the order of the file.
-    pub clusters: Vec<Cluster>,
-    /// Where a robot can be, if the file tells.
-    pub free: Option<FreeArea>,
-}
-
 /// The whole file; `Row` is a row of the free area as it is written or as it is read.
 #[derive(Serialize, Deserialize)]
 struct MapFile<Row> {
@@ -130,9 +122,9 @@ struct Covariance {
 /// Writes a map, in the world's frame.
 ///
 /// Fails where the writing does, and with [`ErrorKind::InvalidData`] at a cluster that could not be read back.
-pub fn write_map(clusters: &[Cluster], free: Option<&FreeArea>, mut out: impl Write) -> std::io::Result<()> {
+pub fn write_map(map: &LineMap, mut out: impl Write) -> std::io::Result<()> {
     let mut entries = Vec::new();
-    for (index, cluster) in clusters.iter().enumerate() {
+    for (index, cluster) in map.clusters.iter().enumerate() {
         let entry = ClusterEntry::new(cluster);
         let invalid = |reason| Error::new(ErrorKind::InvalidData, format!("cluster {index} (from 0): {reason}"));
         entry.check().map_err(invalid)?;
@@ -144,14 +136,14 @@ pub fn write_map(clusters: &[Cluster], free: Option<&FreeArea>, mut out: impl Wr
         units: Units::si(),
         frame: FRAME.to_owned(),
         clusters: entries,
-        free: free.map(FreeEntry::new).transpose()?,
+        free: map.free.as_ref().map(FreeEntry::new).transpose()?,
     };
     serde_json::to_writer_pretty(&mut out, &file)?;
     writeln!(out)
 }
 
 /// Reads a map.
-pub fn read_map(path: &Path) -> Result<SavedMap, MapError> {
+pub fn read_map(path: &Path) -> Result<LineMap, MapError> {
     let path = || path.to_path_buf();
     let text = File::open(path()).map_err(|source| MapError::Open { path: path(), source })?;
     let file: MapFile<Vec<[u32; 2]>> =
@@ -174,7 +166,7 @@ pub fn read_map(path: &Path) -> Result<SavedMap, MapError> {
     let clusters = file.clusters.iter().enumerate().map(read).collect::<Result<_, _>>()?;
     let area = |free: FreeEntry<_>| FreeArea::from_rows(free.cell_size, free.world_from_grid, &free.rows);
     let free = file.free.map(area).transpose().map_err(|reason| MapError::Free { path: path(), reason })?;
-    Ok(SavedMap { clusters, free })
+    Ok(LineMap { clusters, free })
 }
 
 impl Units {
@@ -281,11 +273,11 @@ mod tests {
 
     fn text_of(clusters: &[Cluster]) -> String {
         let mut bytes = Vec::new();
-        write_map(clusters, None, &mut bytes).unwrap();
+        write_map(&LineMap { clusters: clusters.to_vec(), free: None }, &mut bytes).unwrap();
         String::from_utf8(bytes).unwrap()
     }
 
-    fn read_text(text: &str) -> Result<SavedMap, MapError> {
+    fn read_text(text: &str) -> Result<LineMap, MapError> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("map.json");
         std::fs::write(&path, text).unwrap();
@@ -302,7 +294,7 @@ mod tests {
     proptest! {
         #[test]
         fn what_is_written_is_read(clusters in clusters()) {
-            let SavedMap { clusters: read, free } = read_text(&text_of(&clusters)).unwrap();
+            let LineMap { clusters: read, free } = read_text(&text_of(&clusters)).unwrap();
             prop_assert_eq!(free, None);
             prop_assert_eq!(read.len(), clusters.len());
             for (read, written) in read.iter().zip(&clusters) {
@@ -368,7 +360,7 @@ mod tests {
         let rows = [vec![], vec![[2, 5], [7, 8]], vec![[0, 1]]];
         let free = FreeArea::from_rows(0.25, Pose::new(-3.0, 2.0, 0.5), &rows).unwrap();
         let mut bytes = Vec::new();
-        write_map(&[one()], Some(&free), &mut bytes).unwrap();
+        write_map(&LineMap { clusters: vec![one()], free: Some(free.clone()) }, &mut bytes).unwrap();
         let text = String::from_utf8(bytes).unwrap();
         assert!(text.contains("\n      [[2,5],[7,8]],\n"), "a row is a line: {text}");
         assert_eq!(read_text(&text).unwrap().free, Some(free));
@@ -397,7 +389,8 @@ mod tests {
             Cluster { mean: Point2::new(f64::INFINITY, 0.0), ..one() },
         ];
         for cluster in broken {
-            let error = write_map(&[one(), cluster], None, Vec::new()).unwrap_err();
+            let map = LineMap { clusters: vec![one(), cluster], free: None };
+            let error = write_map(&map, Vec::new()).unwrap_err();
             assert_eq!(error.kind(), ErrorKind::InvalidData);
             assert!(error.to_string().contains("cluster 1"), "{error}");
         }

@@ -3,10 +3,20 @@
 //! A cluster never changes once it is in the [`Pool`]; merging makes a new one. A [`Map`] is a list of pool slots, so
 //! copying a particle copies no cluster, and particles of one ancestor share its clusters until they differ.
 
+use crate::grid::FreeArea;
 use crate::ppca::Cluster;
 
 pub mod matching;
 pub mod merging;
+
+/// A map on its own: of a finished run, of a file, or known to localisation. In the world's frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LineMap {
+    /// The walls.
+    pub clusters: Vec<Cluster>,
+    /// Where a robot can be, if that is known.
+    pub free: Option<FreeArea>,
+}
 
 /// A cluster of a map, and when it was seen.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,14 +6,16 @@
 use super::reproject::ClusterGrid;
 use super::{Line, PNG_SIDE, Picture, PictureError, PointRaster, View, svg_to_png};
 use crate::geometry::{Pose, StampedPose};
-use crate::record::RunResult;
+use crate::ppca::Cluster;
+use crate::report::RunResult;
 use crate::scan::Scan;
 use rayon::prelude::*;
 
 /// Gathers the points of a run and draws its pictures.
 pub struct Figures<'a> {
     name: String,
-    result: &'a RunResult,
+    clusters: &'a [Cluster],
+    trajectory: Vec<StampedPose>,
     reference: &'a [StampedPose],
     world_from_odom: Pose,
     odometry: Vec<StampedPose>,
@@ -31,15 +33,17 @@ impl<'a> Figures<'a> {
     /// true trajectory in the world's frame, shifted and rotated to it by the caller; empty where there is none.
     pub fn new(name: impl Into<String>, result: &'a RunResult, reference: &'a [StampedPose]) -> Self {
         let first = |poses: &[StampedPose]| poses.first().map_or(Pose::IDENTITY, |stamped| stamped.pose);
-        let world_from_odom = first(&result.trajectory) * first(&result.odometry).inverse();
+        let (trajectory, odometry) = (result.trajectory(), result.odometry());
+        let world_from_odom = first(&trajectory) * first(&odometry).inverse();
         let moved = |stamped: &StampedPose| StampedPose { pose: world_from_odom * stamped.pose, ..*stamped };
         Self {
             name: name.into(),
-            result,
+            clusters: &result.map.clusters,
+            trajectory,
             reference,
             world_from_odom,
-            odometry: result.odometry.iter().map(moved).collect(),
-            grid: ClusterGrid::new(&result.map),
+            odometry: odometry.iter().map(moved).collect(),
+            grid: ClusterGrid::new(&result.map.clusters),
             scans: 0,
             by_odometry: PointRaster::new(),
             registered: PointRaster::new(),
@@ -73,24 +77,24 @@ impl<'a> Figures<'a> {
     }
 
     fn map_picture(&self) -> Picture<'_> {
-        let Self { name, result, .. } = self;
-        let path = &result.trajectory[..];
+        let Self { name, clusters, .. } = self;
+        let path = &self.trajectory[..];
         let scans = format!("{} points of {} scans", thousands(self.registered.count()), thousands(self.scans));
-        let (clusters, length) = (result.map.len(), path_length(path));
+        let (count, length) = (clusters.len(), path_length(path));
         Picture::new(name)
-            .note(format!("{clusters} clusters, {scans}; path {length:.0} m"))
-            .view(View::around([path], &result.map, Some(&self.registered)))
+            .note(format!("{count} clusters, {scans}; path {length:.0} m"))
+            .view(View::around([path], self.clusters, Some(&self.registered)))
             .points("laser points", &self.registered)
-            .clusters(&result.map)
+            .clusters(self.clusters)
             .trajectory("trajectory", Line::ESTIMATE, path)
     }
 
     /// Every picture with the name of its PNG, and of its SVG where that is written as well.
     fn pictures(&self) -> [(&'static str, Option<&'static str>, Picture<'_>); 6] {
-        let Self { name, result, .. } = self;
-        let path = &result.trajectory[..];
-        let view = View::around([path], &result.map, Some(&self.registered));
-        let clusters = result.map.len();
+        let name = &self.name;
+        let path = &self.trajectory[..];
+        let view = View::around([path], self.clusters, Some(&self.registered));
+        let clusters = self.clusters.len();
         let scans = format!("{} points of {} scans", thousands(self.registered.count()), thousands(self.scans));
         let length = path_length(path);
 
@@ -111,7 +115,7 @@ impl<'a> Figures<'a> {
             .note(format!("{clusters} clusters, {} numbers", thousands(5 * clusters as u64)))
             .view(view)
             .points("laser points", &self.registered)
-            .clusters(&result.map);
+            .clusters(self.clusters);
         let figure4c = Picture::new(format!("{name}: registered laser points"))
             .note(&scans)
             .view(view)

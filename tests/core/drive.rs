@@ -4,7 +4,8 @@ use ipslam::config::Config;
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::metrics::trajectory::reference_errors;
-use ipslam::record::RunResult;
+use ipslam::pipeline::Run;
+use ipslam::report::{Estimator as _, Event, RunResult};
 use ipslam::simulate::{Simulation, SimulationConfig, building};
 use ipslam::slam::Slam;
 use ipslam::smoothing::smooth;
@@ -21,11 +22,7 @@ fn few_maps() -> Config {
 }
 
 fn run(simulation: &Simulation, config: Config) -> RunResult {
-    let mut slam = Slam::new(config);
-    for entry in simulation.open().unwrap() {
-        slam.add(&entry.unwrap(), &mut |_| {});
-    }
-    slam.finish()
+    Run::of(simulation).run(&mut Slam::new(config), &mut [], &mut |_| true).unwrap().result
 }
 
 /// The true poses, seen from the first: the frame of the filter.
@@ -48,25 +45,28 @@ fn a_minute_in_the_building_stays_close_to_the_truth() {
     let truth = truth(&simulation);
     let mut result = run(&simulation, few_maps());
     let readings = simulation.open().unwrap().filter(|entry| !matches!(entry, Ok(LogEntry::Truth { .. }))).count();
-    assert_eq!((result.trajectory.len(), result.odometry.len()), (readings, readings));
+    assert_eq!((result.trajectory().len(), result.odometry().len()), (readings, readings));
 
-    let before = absolute_error(&result.trajectory, &truth);
-    let by_odometry = absolute_error(&result.odometry, &truth);
+    let before = absolute_error(&result.trajectory(), &truth);
+    let by_odometry = absolute_error(&result.odometry(), &truth);
     println!("seed {SEED}: filter {before:.3} m, odometry {by_odometry:.3} m");
     assert!(before < ALLOWED, "seed {SEED}: {before} m");
     assert!(by_odometry > ALLOWED, "odometry alone would pass");
-    let mut wrong = result.trajectory.clone();
+    let mut wrong = result.trajectory();
     let middle = wrong.len() / 2;
     wrong[middle..].iter_mut().for_each(|found| found.pose = found.pose * Pose::new(0.5, 0.0, 0.0));
     assert!(absolute_error(&wrong, &truth) > ALLOWED, "a torn trajectory goes unnoticed");
 
-    let clusters = result.map.len();
+    let clusters = result.map.clusters.len();
     smooth(&simulation, &mut result, &few_maps()).unwrap();
-    let after = absolute_error(&result.trajectory, &truth);
-    println!("seed {SEED}: ATE {before:.4} m, smoothed {after:.4} m; {clusters} clusters, then {}", result.map.len());
+    let after = absolute_error(&result.trajectory(), &truth);
+    println!(
+        "seed {SEED}: ATE {before:.4} m, smoothed {after:.4} m; {clusters} clusters, then {}",
+        result.map.clusters.len()
+    );
     assert!(after < 1.05 * before, "seed {SEED}: smoothing made {after} m of {before} m");
-    assert!((1..=clusters).contains(&result.map.len()));
-    assert_eq!(result.trajectory.len(), readings);
+    assert!((1..=clusters).contains(&result.map.clusters.len()));
+    assert_eq!(result.trajectory().len(), readings);
 }
 
 #[test]
@@ -76,16 +76,17 @@ fn the_papers_filter_runs_to_the_end() {
     let mut steps = 0;
     let mut slam = Slam::new(config);
     for entry in simulation.open().unwrap() {
-        slam.add(&entry.unwrap(), &mut |report| {
+        slam.add(&entry.unwrap(), &mut |event| {
+            let Event::Step(report) = event else { return };
             steps += 1;
             let weights: f64 = report.particles.iter().map(|particle| particle.weight).sum();
             assert!((weights - 1.0).abs() < 1e-9 && report.particles.len() == 20 && report.resampled);
             assert!((1.0 - 1e-9..20.0 + 1e-9).contains(&report.effective_sample_size));
         });
     }
-    let result = slam.finish();
+    let result = slam.result();
     assert_eq!(steps, simulation.sweeps(), "a step every scan");
-    assert!(result.trajectory.iter().all(|stamped| stamped.pose.is_finite()) && !result.map.is_empty());
+    assert!(result.trajectory().iter().all(|stamped| stamped.pose.is_finite()) && !result.map.clusters.is_empty());
 }
 
 /// Random numbers depend on what they are for, not on who draws them.
@@ -101,7 +102,7 @@ fn threads_change_nothing() {
             result
         })
     };
-    let same = |a: &RunResult, b: &RunResult| a.trajectory == b.trajectory && a.map == b.map;
+    let same = |a: &RunResult, b: &RunResult| a.poses == b.poses && a.map == b.map;
     let one = with_threads(1, 1);
     assert!(same(&one, &with_threads(2, 1)), "two threads change the result");
     assert!(!same(&one, &with_threads(2, 2)), "the seed has no effect");

@@ -5,6 +5,7 @@ use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::layout::LocalPose;
 use ipslam::evaluator::{Advance, Evaluator, EvaluatorError, Propagation, Proposal, Scene, Weighed};
 use ipslam::log::LogSource;
+use ipslam::report::Estimator as _;
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 
@@ -51,7 +52,7 @@ fn the_cpu_does_the_step_again() {
         let drive = |mut slam: Slam| {
             let entries = Simulation::building(1).open().unwrap().take(150);
             entries.for_each(|entry| slam.add(&entry.unwrap(), &mut |_| ()));
-            (slam.evaluator_failure().map(ToString::to_string), slam.finish().trajectory)
+            (slam.evaluator_failure().map(ToString::to_string), slam.result().trajectory())
         };
         let (no_failure, expected) = drive(Slam::new(config));
         assert_eq!(no_failure, None);

@@ -17,6 +17,7 @@ use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::{MapCluster, Pool};
 use ipslam::metrics::trajectory::reference_errors;
 use ipslam::random::{Draw, bits, uniform};
+use ipslam::report::Estimator as _;
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 use nalgebra::{Matrix3, Point2, Vector3};
@@ -472,7 +473,7 @@ pub fn a_drive_is_mapped_as_well(adapter: &Adapter) {
             slam.add(&entry, &mut |_| ());
         }
         assert!(slam.evaluator_failure().is_none());
-        reference_errors(&truth, &slam.finish().trajectory).absolute.unwrap().mean
+        reference_errors(&truth, &slam.result().trajectory()).absolute.unwrap().mean
     };
     let on_device = error(Slam::with_evaluator(config, Box::new(GpuEvaluator::new(adapter).unwrap())));
     let on_cpu = error(Slam::new(config));

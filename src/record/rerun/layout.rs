@@ -14,7 +14,7 @@
 //! | [`CLUSTERS`] | clusters in the map | every step |
 //! | [`CONFIDENCE`] | share of the weight around the pose, and share of the scan explained there | every step in a known map |
 //! | [`PARTICLE_COUNT`] | log₁₀ of the number of particles | every step in a known map |
-//! | [`SECONDS`] | seconds by stage, in the order of [`STAGES`] | every step |
+//! | [`SECONDS`] | seconds by stage, in the order of [`StageTimes::NAMES`] | every step |
 //! | [`ABOUT`] | TOML: program, version, log, device, configuration with its seed | at the start |
 //! | [`LASER`] | x, y, heading and stamp of odometry, mounting x, y, heading, angle of the first beam and from one to the next, maximum range, all ranges | every reading |
 //! | [`ODOMETRY_READING`], [`TRUTH`] | x, y, heading, stamp | every reading |
@@ -32,7 +32,8 @@
 //! The y axis of a 2-D view points down, that of the world up. [`WORLD`] therefore carries a transform that turns y
 //! around, and the view shows the world from outside of it, so that numbers stay true and the map is not mirrored.
 
-use crate::record::Task;
+use crate::pipeline::Task;
+use crate::report::StageTimes;
 use ::rerun::blueprint::components::{PanelState, PlayState};
 use ::rerun::blueprint::{
     Blueprint, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView, Tabs, TextDocumentView,
@@ -112,15 +113,9 @@ pub const CONFIDENCE: &str = "plots/confidence";
 pub const PARTICLE_COUNT: &str = "plots/particle_count";
 /// Seconds by stage.
 pub const SECONDS: &str = "plots/seconds";
-/// Stages of a step, with their colours.
-pub const STAGES: [(&str, [u8; 3]); 6] = [
-    ("cluster", [86, 180, 233]),
-    ("track", [0, 158, 115]),
-    ("propagate", [240, 228, 66]),
-    ("weigh", [204, 121, 167]),
-    ("resample", [160, 160, 160]),
-    ("merge", [230, 159, 0]),
-];
+/// Colours of the stages, in the order of [`StageTimes::NAMES`].
+const STAGES: [[u8; 3]; 7] =
+    [[86, 180, 233], [0, 158, 115], [240, 228, 66], [204, 121, 167], [0, 114, 178], [160, 160, 160], [230, 159, 0]];
 
 const POINT: [u8; 3] = [170, 225, 255];
 const SCAN: [u8; 3] = [60, 140, 235];
@@ -161,8 +156,8 @@ pub(super) fn log_styles(stream: &RecordingStream, root: &str) -> RecordingStrea
     let confidence = SeriesLines::new().with_names(["weight around the pose", "scan explained there"].map(named));
     stream.log_static(at(CONFIDENCE), &confidence.with_colors([SCAN, LOCATED].map(colour)).with_widths([1.5, 1.5]))?;
     stream.log_static(at(PARTICLE_COUNT), &line("log10 of the number of particles", DRIFT))?;
-    let stages = SeriesLines::new().with_names(STAGES.map(|stage| stage.0));
-    stream.log_static(at(SECONDS), &stages.with_colors(STAGES.map(|stage| colour(stage.1))))
+    let stages = SeriesLines::new().with_names(StageTimes::NAMES);
+    stream.log_static(at(SECONDS), &stages.with_colors(STAGES.map(colour)))
 }
 
 /// Logs how a path of the best particle looks.

@@ -3,8 +3,9 @@
 use super::{Level, layout};
 use crate::geometry::{Pose, StampedPose};
 use crate::log::{LaserReading, LogEntry};
+use crate::pipeline::{RunInfo, Task};
 use crate::ppca::Cluster;
-use crate::record::{Confidence, ReportedParticle, RunInfo, RunResult, StageTimes, StepReport, Task};
+use crate::report::{Confidence, ReportedParticle, RunResult, StepReport};
 use ::rerun::archetypes::Clear;
 use ::rerun::{
     Arrows2D, LineStrips2D, Points2D, RecordingStream, RecordingStreamResult, Scalars, TextDocument, TimeColumn,
@@ -49,6 +50,7 @@ pub(super) struct Recorder {
     stream: RecordingStream,
     /// What all paths lie under.
     root: &'static str,
+    task: Task,
     level: Level,
     entries: Entries,
     step: u32,
@@ -86,6 +88,7 @@ impl Recorder {
             odometry: trail(layout::ODOMETRY_TRAIL, layout::log_odometry_style),
             stream,
             root,
+            task: info.task,
             level,
             entries: Entries::new(),
             step: 0,
@@ -138,8 +141,8 @@ impl Recorder {
         if report.confidence.is_none_or(|confidence| confidence.is_located) {
             self.trajectory.push(stream, pose)?;
         }
-        // Where the robot is only looked for, odometry starts nowhere.
-        if report.confidence.is_none() {
+        // In a known map odometry starts nowhere.
+        if self.task == Task::Mapping {
             self.odometry.push(stream, world_from_odom * report.odom_from_robot)?;
         }
         if self.map != report.map {
@@ -158,7 +161,7 @@ impl Recorder {
             stream.log(self.path(layout::RESAMPLED), &size)?;
         }
         stream.log(self.path(layout::CLUSTERS), &Scalars::new([report.map.len() as f64]))?;
-        stream.log(self.path(layout::SECONDS), &Scalars::new(seconds(&report.times)))
+        stream.log(self.path(layout::SECONDS), &Scalars::new(report.times.seconds()))
     }
 
     fn log_in_full(&self, report: &StepReport<'_>) -> RecordingStreamResult<()> {
@@ -181,18 +184,19 @@ impl Recorder {
     /// Logs the result as one more step, which shows nothing else.
     pub(super) fn log_result(&mut self, result: &RunResult, is_smoothed: bool) -> RecordingStreamResult<()> {
         self.entries.send(&self.stream, self.root)?;
+        let (trajectory, odometry) = (result.trajectory(), result.odometry());
         let first = |poses: &[StampedPose]| poses.first().map_or(Pose::IDENTITY, |stamped| stamped.pose);
-        let world_from_odom = first(&result.trajectory) * first(&result.odometry).inverse();
-        if let Some(last) = result.trajectory.last() {
+        let world_from_odom = first(&trajectory) * first(&odometry).inverse();
+        if let Some(last) = trajectory.last() {
             self.set_time(self.step + 1, last.stamp);
         }
         let stream = &self.stream;
         stream.log(self.path(layout::STEP), &Clear::recursive())?;
-        stream.log(self.path(layout::MAP_CLUSTERS), &ends(&result.map))?;
-        stream.log(self.path(layout::MAP_ELLIPSES), &ellipses(&result.map))?;
-        let path = result.trajectory.iter().map(|stamped| position(stamped.pose.position()));
+        stream.log(self.path(layout::MAP_CLUSTERS), &ends(&result.map.clusters))?;
+        stream.log(self.path(layout::MAP_ELLIPSES), &ellipses(&result.map.clusters))?;
+        let path = trajectory.iter().map(|stamped| position(stamped.pose.position()));
         stream.log(self.path(layout::TRAJECTORY), &LineStrips2D::new([path.collect::<Vec<_>>()]))?;
-        let path = result.odometry.iter().map(|stamped| position((world_from_odom * stamped.pose).position()));
+        let path = odometry.iter().map(|stamped| position((world_from_odom * stamped.pose).position()));
         stream.log(self.path(layout::ODOMETRY), &LineStrips2D::new([path.collect::<Vec<_>>()]))?;
         let result = [f64::from(result.checksum()), f64::from(u8::from(is_smoothed))];
         stream.log(self.path(layout::RESULT), &Scalars::new(result))
@@ -350,10 +354,4 @@ fn ellipses(clusters: &[Cluster]) -> LineStrips2D {
 fn arrow(pose: Pose) -> Arrows2D {
     let vector = pose.direction() * ARROW;
     Arrows2D::from_vectors([[vector.x as f32, vector.y as f32]]).with_origins([position(pose.position())])
-}
-
-/// In the order of [`layout::STAGES`].
-fn seconds(times: &StageTimes) -> [f64; 6] {
-    let StageTimes { cluster, track, propagate, weigh, resample, merge } = *times;
-    [cluster, track, propagate, weigh, resample, merge]
 }

@@ -1,6 +1,6 @@
 //! Records a run for the Rerun viewer: to a file (`.rrd`), or live to a viewer that is running.
 //!
-//! In: what the run starts with, entries of the log and [`StepReport`]s in their order, then the [`RunResult`]. Out: what
+//! In: what the run starts with, entries of the log and steps in their order, then the result. Out: what
 //! [`layout`] names, on two timelines: `step`, and `time`, the seconds since the first step's stamp. Stamps may go
 //! backwards in a log; `time` then stands still until they have caught up. The entries of the log have a timeline of their
 //! own. With them and the configuration the run can be repeated: [`read`] does the reading.
@@ -8,8 +8,8 @@
 //! Recording never stops a run. What goes wrong after the start ends the recording, and [`Observer::failure`]
 //! tells it; the observer ignores the steps that follow.
 
-use super::{Observer, RunInfo, RunResult, StepReport};
-use crate::log::LogEntry;
+use crate::pipeline::RunInfo;
+use crate::report::{Event, Observer};
 use ::rerun::blueprint::BlueprintActivation;
 use ::rerun::sink::SinkFlushError;
 use ::rerun::{DEFAULT_CONNECT_URL, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
@@ -77,7 +77,7 @@ pub enum RecordError {
 
 /// Records what it observes for the Rerun viewer.
 ///
-/// The recording is complete after [`Observer::on_finish`], or once the observer is dropped.
+/// The recording is complete after [`Event::Finished`], or once the observer is dropped.
 pub struct RerunObserver {
     /// `None` once the recording ended.
     recorder: Option<Recorder>,
@@ -154,23 +154,24 @@ impl RerunObserver {
 }
 
 impl Observer for RerunObserver {
-    fn on_entry(&mut self, entry: &LogEntry) {
-        self.record(|recorder| recorder.log_entry(entry).map_err(|error| error.to_string()));
-    }
-
-    fn on_step(&mut self, report: &StepReport<'_>) {
+    fn on_event(&mut self, event: &Event<'_>) {
         self.record(|recorder| {
-            recorder.log_step(report).map_err(|error| error.to_string())?;
-            if report.step % CHECK_EVERY == CHECK_EVERY - 1 { check(recorder.stream()) } else { Ok(()) }
+            let logged = match event {
+                Event::Entry(entry) => recorder.log_entry(entry),
+                Event::Step(report) => recorder.log_step(report),
+                Event::Finished { result, is_smoothed } => recorder.log_result(result, *is_smoothed),
+                Event::Scan(_) | Event::Pose(_) => Ok(()),
+            };
+            logged.map_err(|error| error.to_string())?;
+            match event {
+                Event::Step(report) if report.step % CHECK_EVERY == CHECK_EVERY - 1 => check(recorder.stream()),
+                Event::Finished { .. } => check(recorder.stream()),
+                _ => Ok(()),
+            }
         });
-    }
-
-    fn on_finish(&mut self, result: &RunResult, is_smoothed: bool) {
-        self.record(|recorder| {
-            recorder.log_result(result, is_smoothed).map_err(|error| error.to_string())?;
-            check(recorder.stream())
-        });
-        self.recorder = None;
+        if let Event::Finished { .. } = event {
+            self.recorder = None;
+        }
     }
 
     fn failure(&self) -> Option<&str> {

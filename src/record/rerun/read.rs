@@ -8,7 +8,8 @@ use super::log::About;
 use crate::config::ConfigError;
 use crate::geometry::Pose;
 use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
-use crate::record::{RunInfo, StageTimes, StepReport};
+use crate::pipeline::RunInfo;
+use crate::report::{StageTimes, StepReport};
 use ::rerun::components::{LineStrip2D, Scalar, Text};
 use ::rerun::log::Chunk;
 use ::rerun::{
@@ -59,7 +60,7 @@ pub struct RecordedStep {
     pub step: u32,
     /// Pose of the best particle.
     pub world_from_robot: Pose,
-    /// [`StepReport::checksum`](crate::record::StepReport::checksum).
+    /// [`StepReport::checksum`](crate::report::StepReport::checksum).
     pub checksum: u32,
     /// 1 / Σ w².
     pub effective_sample_size: f64,
@@ -85,7 +86,7 @@ impl From<&StepReport<'_>> for RecordedStep {
 /// What a recording holds of the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordedResult {
-    /// [`RunResult::checksum`](crate::record::RunResult::checksum).
+    /// [`RunResult::checksum`](crate::report::RunResult::checksum).
     pub checksum: u32,
     /// Whether it was smoothed.
     pub is_smoothed: bool,
@@ -286,14 +287,14 @@ impl Columns<'_> {
             [layout::CHECKSUM, layout::EFFECTIVE_SAMPLE_SIZE, layout::CLUSTERS, layout::SECONDS].map(rows);
         let step = |(step, pose): (i64, Vec<f64>)| {
             let [x, y, heading] = pose.try_into().ok()?;
-            let [cluster, track, propagate, weigh, resample, merge] = seconds.get(&step)?.as_slice().try_into().ok()?;
+            let seconds = seconds.get(&step)?.as_slice().try_into().ok()?;
             Some(RecordedStep {
                 step: step as u32,
                 world_from_robot: exactly(x, y, heading),
                 checksum: *checksums.get(&step)?.first()? as u32,
                 effective_sample_size: *sizes.get(&step)?.first()?,
                 clusters: *clusters.get(&step)?.first()? as usize,
-                times: StageTimes { cluster, track, propagate, weigh, resample, merge },
+                times: StageTimes::from_seconds(seconds),
             })
         };
         // The last step may have been written in part.

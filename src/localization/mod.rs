@@ -1,0 +1,585 @@
+//! Where is the robot in a map that is known? Adaptive Monte Carlo localisation.
+//!
+//! Without an initial pose, particles start all over the free area, a million of them if need be; every step moves and
+//! weighs them ([`Evaluator::advance`], eq. 17 and 18) in the one map that they share. Three things make it practical:
+//!
+//! - The number of particles follows the doubt ([`kld`](crate::filter::kld)): as many as it takes to tell the bins apart that particles are
+//!   found in, from the whole free area down to a thousand.
+//! - Where scans fit worse than they used to, particles from anywhere are mixed in ([`recovery`](crate::filter::recovery)),
+//!   so that a robot that was carried away is found again.
+//! - The estimate is not the mean of the particles but the top of the posterior around their heaviest cloud, climbed to in
+//!   the map as it is ([`Evaluator::propagate`]); `estimate` tells when it can be relied on.
+
+use crate::config::Config;
+use crate::evaluator::failover::Failover;
+use crate::evaluator::grouping::sort_by_place;
+use crate::evaluator::layout::{LocalPose, Tile, reach, tiles};
+use crate::evaluator::symmetric::{noise_of, packed, unpacked};
+use crate::evaluator::{Advance, Evaluator, EvaluatorError, Mode, Propagation, Scene, Start, Weighed, best_mode};
+use crate::filter::kld::{SampleSize, sample_size};
+use crate::filter::recovery::Recovery;
+use crate::filter::resampling::resample;
+use crate::filter::weights::{effective_sample_size, normalised};
+use crate::geometry::Pose;
+use crate::grid::FreeArea;
+use crate::log::LogEntry;
+use crate::map::LineMap;
+use crate::motion::Motion;
+use crate::random::{Draw, bits, normals};
+use crate::report::{
+    Confidence, Estimate, Estimator, Event, ReportedParticle, RunResult, StageTimes, StepReport, timed,
+};
+use crate::scan::Scan;
+use estimate::{BEST_KNOWN, Cloud, Trust, best_known, is_plausible};
+use nalgebra::{Matrix3, Point2};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::{PI, TAU};
+use walls::Walls;
+
+mod estimate;
+mod walls;
+
+/// How a robot is found in a known map.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LocalizationConfig {
+    /// Most particles.
+    pub max_particles: usize,
+    /// Fewest particles.
+    pub min_particles: usize,
+    /// Log-likelihoods are multiplied by this, in place of
+    /// [`LikelihoodConfig::temper`](crate::evaluator::layout::LikelihoodConfig::temper): places that look alike are told
+    /// apart by what comes after them, so both have to be kept till then.
+    pub temper: f64,
+    /// Smallest standard deviation across a wall while particles are weighed \[m\].
+    pub min_sigma: f64,
+    /// Largest standard deviation across a wall while particles are weighed \[m\]. In between it is half the distance of
+    /// neighbouring particles: fewer do not come closer to the true pose, and one that came close to a wrong one by chance
+    /// would win.
+    pub max_sigma: f64,
+    /// The robot is located where one cloud of particles has this share of the weight.
+    pub located_weight: f64,
+    /// The robot is located where the map explains this share of what it could explain of the scan at best, less the share
+    /// of the points that are behind its walls.
+    pub located_explained: f64,
+    /// The robot is located once both have been so for about this many steps, at poses that it can have moved between: rooms
+    /// look alike, but not the way from one to the next.
+    pub located_steps: u32,
+}
+
+impl Default for LocalizationConfig {
+    fn default() -> Self {
+        Self {
+            max_particles: 100_000,
+            min_particles: 1000,
+            temper: 0.01,
+            min_sigma: 0.1,
+            max_sigma: 0.5,
+            located_weight: 0.95,
+            located_explained: 0.6,
+            located_steps: 6,
+        }
+    }
+}
+
+/// Where the robot is believed to be at first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InitialPose {
+    /// Most likely pose.
+    pub world_from_robot: Pose,
+    /// Standard deviation of its position, in x and y alike \[m\].
+    pub position_sigma: f64,
+    /// Standard deviation of its heading \[rad\].
+    pub heading_sigma: f64,
+}
+
+/// Why a robot cannot be looked for in a map.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LocalizationError {
+    /// There is nothing that a scan could show.
+    #[error("the map has no wall")]
+    NoWall,
+    /// Without the free area it is not known where particles may be.
+    #[error("the map does not tell where a robot can be")]
+    NoFreeArea,
+}
+
+/// The filter.
+#[derive(Debug)]
+pub struct Localization {
+    config: Config,
+    free: FreeArea,
+    walls: Walls,
+    evaluator: Failover,
+    particles: Vec<LocalPose>,
+    /// Standard deviation across a wall while particles are weighed, and in the first steps of a climb \[m\].
+    capture_sigma: f64,
+    trust: Trust,
+    recovery: Recovery,
+    /// The estimate of the last step.
+    last: Option<Located>,
+    estimates: Vec<Estimate>,
+    steps: u32,
+    /// Laser readings so far.
+    scans: u32,
+    /// The motion since the last step, by odometry alone ...
+    by_odometry: Motion,
+    /// ... and corrected by the scans, where the robot is located.
+    tracked: Motion,
+    last_odometry: Option<Pose>,
+    /// Of tracking between steps, since the last one.
+    times: StageTimes,
+}
+
+/// The pose of a step, and how far it can be relied on.
+#[derive(Clone, Copy, Debug)]
+struct Located {
+    world_from_robot: Pose,
+    confidence: Confidence,
+}
+
+/// Particles, each with its parent's index, and how many bins they are in.
+struct Drawn {
+    particles: Vec<(LocalPose, u32)>,
+    bins: usize,
+}
+
+/// Size of a bin of KLD sampling, and of the search for the heaviest cloud \[m, m, rad\].
+const BIN: [f64; 3] = [0.5, 0.5, PI / 18.0];
+/// A wall so far off \[m\] moves by as much when the robot turns as when it steps.
+const LEVER: f64 = 5.0;
+
+impl Localization {
+    /// A filter that has seen nothing, with a configuration that [`Config::validate`] accepts. The map and the initial pose
+    /// are in the world's frame; without an initial pose the robot may be anywhere in the free area. Without an evaluator,
+    /// or where it fails, the CPU does its work.
+    ///
+    /// # Errors
+    /// The map has no wall, or does not tell where a robot can be.
+    pub fn new(
+        map: LineMap,
+        initial: Option<InitialPose>,
+        config: Config,
+        evaluator: Option<Box<dyn Evaluator>>,
+    ) -> Result<Self, LocalizationError> {
+        let free = map.free.ok_or(LocalizationError::NoFreeArea)?;
+        if map.clusters.is_empty() {
+            return Err(LocalizationError::NoWall);
+        }
+        let mut this = Self {
+            config,
+            free,
+            walls: Walls::new(map.clusters, &config),
+            evaluator: Failover::new(evaluator),
+            particles: Vec::new(),
+            capture_sigma: config.localization.max_sigma,
+            trust: Trust::default(),
+            // As if scans had been just good enough.
+            recovery: Recovery::new(config.localization.located_explained),
+            last: None,
+            estimates: Vec::new(),
+            steps: 0,
+            scans: 0,
+            by_odometry: Motion::none(),
+            tracked: Motion::none(),
+            last_odometry: None,
+            times: StageTimes::default(),
+        };
+        let first = this.first_particles(initial);
+        this.take(first);
+        Ok(this)
+    }
+
+    /// Follows the robot; takes a step where it has moved far enough, and at the first scan with points.
+    fn add_scan(&mut self, scan: &Scan, odom_from_robot: Pose, observe: &mut dyn FnMut(&Event<'_>)) {
+        self.scans += 1;
+        let tiles = tiles(&scan.points, self.config.likelihood.max_points);
+        // A scan without points says nothing of where the robot is.
+        if tiles.is_empty() {
+            return;
+        }
+        let mut times = std::mem::take(&mut self.times);
+        timed(&mut times.track, || self.track(&tiles));
+        self.times = times;
+        if self.steps == 0 || !self.config.filter.is_too_near(self.tracked.mean) {
+            self.step(scan, &tiles, odom_from_robot, observe);
+        }
+    }
+
+    /// Adds the motion since the last reading.
+    fn follow(&mut self, odom_from_robot: Pose) {
+        if let Some(last) = self.last_odometry.replace(odom_from_robot) {
+            let since = Motion::from_odometry(last, odom_from_robot, &self.config.motion);
+            self.by_odometry = self.by_odometry.then(&since);
+            self.tracked = self.tracked.then(&since);
+        }
+    }
+
+    /// One step of the filter: predict and weigh, normalise, estimate, resample.
+    fn step(&mut self, scan: &Scan, tiles: &[Tile], odom_from_robot: Pose, observe: &mut dyn FnMut(&Event<'_>)) {
+        let mut times = std::mem::take(&mut self.times);
+        let weighed = timed(&mut times.weigh, || self.predict_and_weigh(tiles));
+        let temper = self.config.localization.temper;
+        let log_weights: Vec<f64> = weighed.iter().map(|w| temper * f64::from(w.log_likelihood)).collect();
+        let weights = normalised(&log_weights);
+        let located = timed(&mut times.estimate, || self.estimate(&Cloud::heaviest(&weighed, &weights), tiles));
+        let share_from_anywhere = self.recovery.update(located.confidence.explained);
+        let parents = timed(&mut times.resample, || {
+            let drawn = self.resample(&weighed, &weights, share_from_anywhere);
+            self.take(drawn)
+        });
+
+        let anchor = self.walls.table.anchor();
+        let reported = |(weighed, &weight): (&Weighed, &f64)| ReportedParticle {
+            world_from_robot: weighed.pose.in_world(anchor),
+            weight,
+        };
+        let particles: Vec<ReportedParticle> = weighed.iter().zip(&weights).map(reported).collect();
+        observe(&Event::Step(&StepReport {
+            step: self.steps,
+            stamp: scan.stamp,
+            scan,
+            scan_clusters: &[],
+            odom_from_robot,
+            world_from_robot: located.world_from_robot,
+            particles: &particles,
+            map: &self.walls.clusters,
+            effective_sample_size: effective_sample_size(&weights),
+            resampled: true,
+            parents: &parents,
+            confidence: Some(located.confidence),
+            times,
+        }));
+        self.last = Some(located);
+        self.by_odometry = Motion::none();
+        self.tracked = Motion::none();
+        self.steps += 1;
+    }
+
+    /// Draws the motion of every particle (eq. 17) and weighs it (eq. 18), among walls as thick as particles are sparse.
+    fn predict_and_weigh(&mut self, tiles: &[Tile]) -> Vec<Weighed> {
+        let Pose { x, y, heading } = self.tracked.mean;
+        let how = Advance {
+            seed: self.config.seed,
+            step: self.steps,
+            motion: [x, y, heading].map(|number| number as f32),
+            noise: noise_of(&self.by_odometry.covariance),
+            capture_sigma: self.capture_sigma as f32,
+        };
+        let scene = Scene { table: &self.walls.table, tiles, maps: &self.walls.slots };
+        let mut weighed = self.evaluator.advance(&scene, &how, &self.particles);
+        weighed.iter_mut().for_each(|weighed| weighed.pose.heading = crate::math::wrap(weighed.pose.heading));
+        weighed
+    }
+
+    /// Between steps, a robot that is located is followed by its scans: odometry may be far off by the next step.
+    fn track(&mut self, tiles: &[Tile]) {
+        let Some(last) = self.last.filter(|last| last.confidence.is_located) else { return };
+        let anchor = self.walls.table.anchor();
+        let expected = LocalPose::new(last.world_from_robot * self.tracked.mean, anchor).in_world(Point2::origin());
+        let covariance = self.tracked.covariance;
+        let found = self.climb(expected, &covariance, tiles);
+        let mean = found.pose.in_world(anchor).seen_from(last.world_from_robot);
+        // In a long corridor, or where the map shows little, a scan may hold back the pose while the robot drives on.
+        if is_plausible(mean, &self.by_odometry, best_known(1.0)) {
+            self.tracked.mean = mean;
+            self.tracked.covariance = unpacked(found.information).try_inverse().unwrap_or(covariance);
+        }
+    }
+
+    /// The MAP estimate of the pose around a cloud, by Gauss-Newton steps from its mean, and how far it can be relied on.
+    fn estimate(&mut self, cloud: &Cloud, tiles: &[Tile]) -> Located {
+        // Its few particles may lie in one place.
+        let mode = self.climb(cloud.mean, &(cloud.covariance + best_known(1.0)), tiles);
+        let world_from_robot = mode.pose.in_world(self.walls.table.anchor());
+        let explained = self.walls.explained(world_from_robot, f64::from(mode.log_likelihood), tiles, &self.config);
+        let is_expected = self.is_expected(world_from_robot);
+        let confidence = self.trust.judge(cloud.weight, explained, is_expected, &self.config.localization);
+        Located { world_from_robot, confidence }
+    }
+
+    /// The top of the posterior of the scan around a pose of the evaluator's frame; the covariance is of (forward,
+    /// sideways, heading) in its own.
+    fn climb(&mut self, mean: Pose, covariance: &Matrix3<f64>, tiles: &[Tile]) -> Mode {
+        let mean = LocalPose::new(mean, Point2::origin());
+        let information = covariance.try_inverse().unwrap_or_else(Matrix3::zeros);
+        let how = Propagation {
+            seed: self.config.seed,
+            step: self.scans,
+            draw: Draw::Tracking,
+            starts: &[Start { mean, prior: mean }],
+            particles_a_map: self.config.proposal.tracking_starts.max(1) as usize,
+            // Where it is expected.
+            exact_first: true,
+            noise: noise_of(covariance),
+            prior_information: packed(&information),
+            iterations: self.config.proposal.iterations.max(1),
+            capture_sigma: self.capture_sigma as f32,
+            spread: 0.0,
+        };
+        let reach = reach(tiles) + how.longest_way();
+        let maps = [self.walls.table.near(&self.walls.slots[0], mean.x, mean.y, reach)];
+        let scene = Scene { table: &self.walls.table, tiles, maps: &maps };
+        best_mode(self.evaluator.propagate(&scene, &how)).unwrap_or_default()
+    }
+
+    /// Can the robot have come here since the last step? At a place that only looks like the right one the estimate jumps.
+    /// Where walls are known badly it does so anywhere.
+    fn is_expected(&self, world_from_robot: Pose) -> bool {
+        let Some(last) = self.last else { return true };
+        let times = (self.walls.sigma() / BEST_KNOWN.x).max(1.0);
+        is_plausible(world_from_robot.seen_from(last.world_from_robot), &self.by_odometry, best_known(times))
+    }
+
+    /// Draws the particles anew, a share of them from anywhere. KLD sampling tells how many there are, systematic resampling
+    /// which: in the order of their places, so that no place gains or loses particles by chance.
+    fn resample(&self, weighed: &[Weighed], weights: &[f64], share_from_anywhere: f64) -> Drawn {
+        let mut cumulative = weights.to_vec();
+        cumulative.iter_mut().fold(0.0, |sum, weight| {
+            *weight += sum;
+            *weight
+        });
+        let total = cumulative.last().copied().unwrap_or(0.0);
+        let words = |number| bits(self.config.seed, self.steps, number, Draw::Resample);
+        let SampleSize { particles: count, bins } = self.sample_size(|number| {
+            let words = words(number);
+            if fraction(words[0], 0) < share_from_anywhere {
+                return self.anywhere(self.steps, number);
+            }
+            let target = fraction(words[1], words[2]) * total;
+            weighed[cumulative.partition_point(|&sum| sum <= target).min(weighed.len() - 1)].pose
+        });
+        let from_anywhere = (share_from_anywhere * count as f64).round() as usize;
+        let offset = fraction(words(u32::MAX)[0], 0);
+        let parents = resample(weights, count - from_anywhere.min(count), offset).into_iter();
+        let mut particles: Vec<(LocalPose, u32)> =
+            parents.map(|parent| (weighed[parent].pose, parent as u32)).collect();
+        particles.extend((0..from_anywhere as u32).map(|number| (self.anywhere(self.steps, number), u32::MAX)));
+        Drawn { particles, bins }
+    }
+
+    /// So many of these particles are enough for the bins that they fall in.
+    fn sample_size(&self, particle: impl Fn(u32) -> LocalPose) -> SampleSize {
+        let LocalizationConfig { max_particles, min_particles, .. } = self.config.localization;
+        sample_size(min_particles, max_particles, |number| bin(particle(number)))
+    }
+
+    /// Goes on with these particles, in the order of their places, and with walls as thick as they are sparse. Returns the
+    /// parent of each.
+    fn take(&mut self, Drawn { mut particles, bins }: Drawn) -> Vec<u32> {
+        sort_by_place(&mut particles, |particle| particle.0);
+        let LocalizationConfig { min_sigma, max_sigma, .. } = self.config.localization;
+        let volume = bins as f64 * BIN.iter().product::<f64>() / particles.len().max(1) as f64;
+        self.capture_sigma = (0.5 * (LEVER * volume).cbrt()).clamp(min_sigma, max_sigma);
+        let parents;
+        (self.particles, parents) = particles.into_iter().unzip();
+        parents
+    }
+
+    /// Particles around the initial pose, or anywhere; as many as their bins take.
+    fn first_particles(&self, initial: Option<InitialPose>) -> Drawn {
+        let place = |number: u32| match initial {
+            None => self.anywhere(u32::MAX, number),
+            Some(InitialPose { world_from_robot, position_sigma, heading_sigma }) => {
+                let [x, y, turn, _] = normals(self.config.seed, u32::MAX, number, Draw::Motion).map(f64::from);
+                let Pose { x: x0, y: y0, heading: heading0 } = world_from_robot;
+                let pose = Pose::new(x0 + position_sigma * x, y0 + position_sigma * y, heading0 + heading_sigma * turn);
+                LocalPose::new(pose, self.walls.table.anchor())
+            }
+        };
+        let SampleSize { particles: count, bins } = self.sample_size(place);
+        Drawn { particles: (0..count as u32).map(|number| (place(number), number)).collect(), bins }
+    }
+
+    /// A pose anywhere in the free area.
+    fn anywhere(&self, step: u32, number: u32) -> LocalPose {
+        let words = bits(self.config.seed, step, number, Draw::Anywhere);
+        let position = self.free.sample([fraction(words[0], 0), fraction(words[1], 0)]);
+        let heading = TAU * fraction(words[2], 0) - PI;
+        LocalPose::new(Pose::new(position.x, position.y, heading), self.walls.table.anchor())
+    }
+}
+
+impl Estimator for Localization {
+    fn add(&mut self, entry: &LogEntry, observe: &mut dyn FnMut(&Event<'_>)) {
+        let (stamp, odom_from_robot) = match entry {
+            LogEntry::Truth { .. } => return,
+            LogEntry::Odometry { stamp, odom_from_robot } => {
+                self.follow(*odom_from_robot);
+                (*stamp, *odom_from_robot)
+            }
+            LogEntry::Laser(reading) => {
+                self.follow(reading.odom_from_robot);
+                let scan = Scan::from_reading(reading, self.config.scan.min_range, self.config.scan.max_range);
+                observe(&Event::Scan(&scan));
+                self.add_scan(&scan, reading.odom_from_robot, observe);
+                (reading.stamp, reading.odom_from_robot)
+            }
+        };
+        let estimate = Estimate {
+            stamp,
+            odom_from_robot,
+            world_from_robot: self.last.map(|last| last.world_from_robot * self.tracked.mean),
+            confidence: self.last.map(|last| last.confidence),
+        };
+        self.estimates.push(estimate);
+        observe(&Event::Pose(&estimate));
+    }
+
+    fn result(&self) -> RunResult {
+        let map = LineMap { clusters: self.walls.clusters.clone(), free: Some(self.free.clone()) };
+        RunResult { map, poses: self.estimates.clone() }
+    }
+
+    fn evaluator_failure(&self) -> Option<&EvaluatorError> {
+        self.evaluator.failure()
+    }
+}
+
+/// The bin of a pose.
+fn bin(pose: LocalPose) -> [i32; 3] {
+    let at = [pose.x, pose.y, pose.heading].map(f64::from);
+    std::array::from_fn(|axis| (at[axis] / BIN[axis]).floor() as i32)
+}
+
+/// A number in [0, 1] of 64 random bits.
+fn fraction(high: u32, low: u32) -> f64 {
+    (f64::from(high) + f64::from(low) / 4_294_967_296.0) / 4_294_967_296.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{Cell, OccupancyGrid};
+    use crate::ppca::Cluster;
+    use nalgebra::{Vector2, Vector3};
+
+    /// A metre forward, turning to the left, known to 12 cm (with the 5 cm of a top to 13 cm) and 0.048 rad (0.052):
+    /// √11.345 = 3.37 standard deviations are 44 cm and 0.175 rad.
+    #[test]
+    fn the_robot_is_expected_where_its_motion_leads_to() {
+        let grid = OccupancyGrid::new(1.0, Pose::IDENTITY, 1, 1, vec![Cell::Free]).unwrap();
+        let free = FreeArea::from_grid(&grid, []);
+        let mut filter = Localization::new(LineMap { clusters: room(), free }, None, Config::default(), None).unwrap();
+        filter.walls.log_peak = -(0.01 * TAU.sqrt()).ln();
+        assert!(filter.is_expected(Pose::new(100.0, 0.0, 0.0)), "nothing is known at first");
+        let world_from_robot = Pose::new(5.0, 3.0, 3.1);
+        let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: false };
+        filter.last = Some(Located { world_from_robot, confidence });
+        let covariance = Matrix3::from_diagonal(&Vector3::new(0.12_f64, 0.12, 0.048).map(|sigma| sigma * sigma));
+        filter.by_odometry = Motion { mean: Pose::new(1.0, 0.0, 0.1), covariance };
+        let is_expected = |x, y, turn| filter.is_expected(world_from_robot * Pose::new(1.0 + x, y, 0.1 + turn));
+        assert!(is_expected(0.0, 0.0, 0.0) && is_expected(0.43, 0.0, 0.0) && is_expected(0.0, -0.43, 0.0));
+        assert!(is_expected(0.0, 0.0, 0.17) && is_expected(0.0, 0.0, -0.17));
+        assert!(!is_expected(0.45, 0.0, 0.0) && !is_expected(0.0, -0.45, 0.0) && !is_expected(0.0, 0.0, 0.18));
+        assert!(!is_expected(0.33, 0.33, 0.0), "both together");
+
+        // Walls that are known to 16 cm: with the 12 cm of the motion 20 cm, of which 3.37 are 67 cm.
+        filter.walls.log_peak = -(0.16 * TAU.sqrt()).ln();
+        let is_expected = |x| filter.is_expected(world_from_robot * Pose::new(1.0 + x, 0.0, 0.1));
+        assert!(is_expected(0.67) && !is_expected(0.68));
+    }
+
+    /// A wall around its middle, known to 1 cm.
+    fn wall(x: f64, y: f64, length: f64, direction: Vector2<f64>) -> Cluster {
+        let along_variance = length * length / 12.0;
+        Cluster { mean: Point2::new(x, y), direction, along_variance, across_variance: 1e-4, count: 100.0 }
+    }
+
+    /// The walls of a room of 6 by 4 m.
+    fn room() -> Vec<Cluster> {
+        let (x, y) = (Vector2::x(), Vector2::y());
+        vec![wall(3.0, 0.0, 6.0, x), wall(3.0, 4.0, 6.0, x), wall(0.0, 2.0, 4.0, y), wall(6.0, 2.0, 4.0, y)]
+    }
+
+    /// Where the robot is in the room.
+    const ROBOT: Pose = Pose { x: 2.0, y: 1.5, heading: 0.3 };
+
+    /// What it sees of the room's walls, in the world's frame.
+    fn seen() -> Vec<Point2<f64>> {
+        let point = |wall: &Cluster, step: i32| wall.mean + wall.direction * (f64::from(step) / 40.0 * wall.length());
+        room().iter().flat_map(|wall| (-18..=18).map(move |step| point(wall, step))).collect()
+    }
+
+    /// The same as the filter takes it.
+    fn tiles_seen() -> Vec<Tile> {
+        let points: Vec<Point2<f64>> = seen().into_iter().map(|point| ROBOT.inverse() * point).collect();
+        tiles(&points, 180)
+    }
+
+    /// A filter with these walls, and good reasons to believe in the pose where it last was.
+    fn filter(clusters: Vec<Cluster>, before: Pose) -> Localization {
+        let grid = OccupancyGrid::new(1.0, Pose::IDENTITY, 6, 4, vec![Cell::Free; 24]).unwrap();
+        let map = LineMap { clusters, free: FreeArea::from_grid(&grid, []) };
+        let mut filter = Localization::new(map, None, Config::default(), None).unwrap();
+        let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: true };
+        filter.last = Some(Located { world_from_robot: before, confidence });
+        filter.trust.good_steps = 10;
+        filter
+    }
+
+    /// What it thinks of a cloud around the robot.
+    fn locate(mut filter: Localization) -> Confidence {
+        let mean = LocalPose::new(ROBOT, filter.walls.table.anchor()).in_world(Point2::origin());
+        let cloud = Cloud { mean, covariance: Matrix3::identity() * 0.01, weight: 1.0 };
+        let Located { world_from_robot, confidence } = filter.estimate(&cloud, &tiles_seen());
+        let off = world_from_robot.seen_from(ROBOT);
+        assert!(off.x.hypot(off.y) < 0.01 && off.heading.abs() < 0.01, "{world_from_robot:?}");
+        confidence
+    }
+
+    /// The scan, the cloud and the map are the same; only where the robot was before is not.
+    #[test]
+    fn a_pose_that_jumped_is_not_relied_on() {
+        let is_located = |moved: Pose| locate(filter(room(), ROBOT * moved)).is_located;
+        assert!(is_located(Pose::IDENTITY) && is_located(Pose::new(0.1, 0.0, 0.0)));
+        assert!(!is_located(Pose::new(0.3, 0.0, 0.0)) && !is_located(Pose::new(0.0, 0.0, 0.2)));
+    }
+
+    /// Every point lies on a wall of the map, but some are behind another one, which goes through all of the room.
+    #[test]
+    fn a_pose_that_looks_through_walls_is_not_relied_on() {
+        let open = locate(filter(room(), ROBOT));
+        let confidence = |x: f64| locate(filter([room(), vec![wall(x, 2.0, 4.0, Vector2::y())]].concat(), ROBOT));
+        // The line to the point meets the wall at this height; margins are 0.3 m.
+        let height = |point: &Point2<f64>, x: f64| ROBOT.y + (point.y - ROBOT.y) * (x - ROBOT.x) / (point.x - ROBOT.x);
+        let is_behind = |point: &&Point2<f64>, x: f64| point.x > x + 0.3 && (0.3..3.7).contains(&height(point, x));
+        for x in [3.0, 5.0] {
+            let behind = seen().iter().filter(|point| is_behind(point, x)).count() as f64 / seen().len() as f64;
+            let (found, expected) = (confidence(x).explained, open.explained - behind);
+            assert!(behind > 0.1 && (found - expected).abs() < 1e-2, "wall at {x} m: {found}, not {expected}");
+        }
+        assert!(open.is_located && confidence(5.0).is_located && !confidence(3.0).is_located);
+    }
+
+    /// The scan says that the robot stands still.
+    #[test]
+    fn the_scan_corrects_odometry_but_cannot_hold_back_the_robot() {
+        let tracked = |odometry: f64| {
+            let mut filter = filter(room(), ROBOT);
+            let motion = |sigma: f64| Motion {
+                mean: Pose::new(odometry, 0.0, 0.0),
+                covariance: Matrix3::identity() * (sigma * sigma),
+            };
+            filter.by_odometry = motion(0.05);
+            filter.tracked = motion(1.0);
+            filter.track(&tiles_seen());
+            assert_eq!(filter.by_odometry, motion(0.05));
+            filter.tracked
+        };
+        // √11.345 √(0.05² + 0.05²) are 0.238 m.
+        let Motion { mean, covariance } = tracked(0.22);
+        assert!(mean.x.hypot(mean.y) < 0.01 && mean.heading.abs() < 0.01, "{mean:?}");
+        assert!(covariance.diagonal().iter().all(|variance| (0.0..1e-3).contains(variance)), "{covariance}");
+        assert_eq!(tracked(0.26).mean, Pose::new(0.26, 0.0, 0.0));
+    }
+
+    #[test]
+    fn bins_are_half_a_metre_and_ten_degrees() {
+        let pose = |x: f32, y: f32, degrees: f32| LocalPose { x, y, heading: degrees.to_radians() };
+        assert_eq!(bin(pose(0.49, -0.01, 9.9)), [0, -1, 0]);
+        assert_eq!(bin(pose(0.51, 0.49, 10.1)), [1, 0, 1]);
+        assert_eq!(bin(pose(-7.3, 12.2, -179.0)), [-15, 24, -18]);
+    }
+}

@@ -1,0 +1,270 @@
+//! A source, an estimator and observers make a run: every entry of the log goes to the estimator, every event to the
+//! observers, and the result is smoothed.
+
+use crate::config::Config;
+use crate::geometry::StampedPose;
+use crate::log::{LogEntry, LogError, LogSource, LogStats};
+use crate::report::{Estimator, Event, Observer, RunResult, StageTimes, StepReport};
+use crate::slam::Slam;
+use crate::smoothing::smooth;
+use serde::{Deserialize, Serialize};
+use web_time::Instant;
+
+/// What a run is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Task {
+    /// Finding path and map.
+    Mapping,
+    /// Finding the robot in a map that is known.
+    Localization,
+}
+
+/// What a run starts with: with the entries of its log, all that it takes to run it again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunInfo {
+    /// What it is for.
+    pub task: Task,
+    /// Name of the log.
+    pub log: String,
+    /// What evaluates the particles, in the words of its driver.
+    pub device: String,
+    /// Everything that was set.
+    pub config: Config,
+}
+
+/// Which part of a log is run, and what comes after the filter.
+#[derive(Clone, Copy)]
+pub struct Run<'a> {
+    /// The log.
+    pub source: &'a dyn LogSource,
+    /// Readings less than this after the first one are left out \[s\].
+    pub skip: f64,
+    /// The run ends after so many laser readings.
+    pub max_scans: Option<u64>,
+    /// How the result is smoothed, if it is.
+    pub smoothing: Option<&'a Config>,
+}
+
+/// What a run found, and what can be said of it.
+pub struct Outcome {
+    /// Smoothed if that was asked for, and could be done.
+    pub result: RunResult,
+    /// The true poses that the log itself tells, in the frame of the log.
+    pub truth: Vec<StampedPose>,
+    /// What the reader met.
+    pub stats: LogStats,
+    /// What was counted.
+    pub counts: Counts,
+    /// Readings of the log before the first pose of the result.
+    pub skipped: usize,
+    /// Why the run ended.
+    pub end: End,
+    /// Seconds that the filter took.
+    pub filter_seconds: f64,
+    /// Seconds that smoothing took.
+    pub smoothing_seconds: f64,
+    /// What kept smoothing from being finished.
+    pub smoothing: Result<(), LogError>,
+    /// Why the CPU took over from the device.
+    pub evaluator_failure: Option<String>,
+}
+
+/// Why a run ended.
+#[derive(Debug)]
+pub enum End {
+    /// The log is over.
+    Log,
+    /// So many scans were asked for.
+    MaxScans,
+    /// The caller wanted no more.
+    Interrupted,
+    /// The log cannot be read any further.
+    BrokeOff(LogError),
+}
+
+/// How far a run is.
+pub struct Progress<'a> {
+    /// Bytes of the log that are read, and all; `None` where there is no file.
+    pub bytes: Option<(u64, u64)>,
+    /// What was counted until now.
+    pub counts: &'a Counts,
+}
+
+impl<'a> Run<'a> {
+    /// A whole log, its result as the filter leaves it.
+    pub fn of(source: &'a dyn LogSource) -> Self {
+        Self { source, skip: 0.0, max_scans: None, smoothing: None }
+    }
+
+    /// Runs. `goes_on` is asked after each entry; where it says no, the run ends with what it has, unsmoothed.
+    ///
+    /// # Errors
+    /// The log cannot be opened. One that breaks off is an [`End`], so that nothing found until then is lost.
+    pub fn run(
+        &self,
+        estimator: &mut dyn Estimator,
+        observers: &mut [Box<dyn Observer + '_>],
+        goes_on: &mut dyn FnMut(Progress<'_>) -> bool,
+    ) -> Result<Outcome, LogError> {
+        let began = Instant::now();
+        let mut reader = self.source.open()?;
+        let (mut counts, mut truth, mut skipped) = (Counts::default(), Vec::new(), 0);
+        let mut first_stamp = None;
+        let end = loop {
+            if self.max_scans == Some(counts.scans) {
+                break End::MaxScans;
+            }
+            let entry = match reader.next() {
+                None => break End::Log,
+                Some(Err(error)) => break End::BrokeOff(error),
+                Some(Ok(entry)) => entry,
+            };
+            let stamp = match &entry {
+                LogEntry::Odometry { stamp, .. } => *stamp,
+                LogEntry::Laser(reading) => reading.stamp,
+                LogEntry::Truth { stamp, world_from_robot } => {
+                    truth.push(StampedPose { stamp: *stamp, pose: *world_from_robot });
+                    *stamp
+                }
+            };
+            let is_reading = !matches!(entry, LogEntry::Truth { .. });
+            if is_reading && counts.readings == 0 && stamp - *first_stamp.get_or_insert(stamp) < self.skip {
+                skipped += 1;
+                continue;
+            }
+            let mut observe = |event: &Event<'_>| {
+                counts.add(event);
+                observers.iter_mut().for_each(|observer| observer.on_event(event));
+            };
+            observe(&Event::Entry(&entry));
+            estimator.add(&entry, &mut observe);
+            if !goes_on(Progress { bytes: reader.progress(), counts: &counts }) {
+                break End::Interrupted;
+            }
+        };
+        let filter_seconds = began.elapsed().as_secs_f64();
+        let mut result = estimator.result();
+        let began = Instant::now();
+        let smoothing = self.smoothing.filter(|_| !matches!(end, End::Interrupted));
+        let smoothed = smoothing.map_or(Ok(()), |config| smooth(self.source, &mut result, config));
+        let smoothing_seconds = began.elapsed().as_secs_f64();
+        let finished = Event::Finished { result: &result, is_smoothed: smoothing.is_some() && smoothed.is_ok() };
+        observers.iter_mut().for_each(|observer| observer.on_event(&finished));
+        Ok(Outcome {
+            result,
+            truth,
+            stats: reader.stats().clone(),
+            counts,
+            skipped,
+            end,
+            filter_seconds,
+            smoothing_seconds,
+            smoothing: smoothed,
+            evaluator_failure: estimator.evaluator_failure().map(ToString::to_string),
+        })
+    }
+}
+
+/// Maps a whole log on the CPU, as `ipslam run` does it.
+///
+/// # Errors
+/// The log cannot be read to its end.
+pub fn map(source: &dyn LogSource, config: &Config) -> Result<RunResult, LogError> {
+    let run = Run { smoothing: Some(config), ..Run::of(source) };
+    let Outcome { result, end, smoothing, .. } = run.run(&mut Slam::new(*config), &mut [], &mut |_| true)?;
+    match end {
+        End::BrokeOff(error) => Err(error),
+        _ => smoothing.map(|()| result),
+    }
+}
+
+/// What is counted of a run.
+#[derive(Clone, Debug, Default)]
+pub struct Counts {
+    /// Odometry and laser readings.
+    pub readings: u64,
+    /// Laser readings.
+    pub scans: u64,
+    /// Of these, those without a point.
+    pub empty_scans: u64,
+    /// Points of all scans.
+    pub points: u64,
+    /// Beams without return.
+    pub no_return: u64,
+    /// Beams whose range is no measurement.
+    pub invalid: u64,
+    /// Steps of the filter.
+    pub steps: u64,
+    /// Steps that resampled.
+    pub resamplings: u64,
+    /// Clusters of the map at the last step.
+    pub clusters: usize,
+    /// Effective sample size: sum over the steps, smallest, and that of the last step.
+    pub effective_sum: f64,
+    /// Smallest effective sample size.
+    pub effective_worst: f64,
+    /// Effective sample size of the last step.
+    pub effective_last: f64,
+    /// Particles of each step.
+    pub particles: Vec<usize>,
+    /// Where the time of all steps went.
+    pub times: StageTimes,
+    /// Seconds of the first step, all stages.
+    pub first_step_seconds: f64,
+    /// Whether the robot is located by the last reading, in a known map.
+    pub is_located: bool,
+    /// The first stamp and the greatest since: stamps that go backwards take no time away.
+    first_and_latest_stamp: Option<(f64, f64)>,
+}
+
+impl Counts {
+    fn add(&mut self, event: &Event<'_>) {
+        match event {
+            Event::Entry(LogEntry::Truth { stamp, .. }) => self.add_stamp(*stamp),
+            Event::Entry(LogEntry::Odometry { stamp, .. }) => {
+                self.readings += 1;
+                self.add_stamp(*stamp);
+            }
+            Event::Entry(LogEntry::Laser(reading)) => {
+                self.readings += 1;
+                self.add_stamp(reading.stamp);
+            }
+            Event::Scan(scan) => {
+                self.scans += 1;
+                self.empty_scans += u64::from(scan.points.is_empty());
+                self.points += scan.points.len() as u64;
+                self.no_return += scan.no_return as u64;
+                self.invalid += scan.invalid as u64;
+            }
+            Event::Step(report) => self.add_step(report),
+            Event::Pose(estimate) => self.is_located = estimate.relied_on().is_some(),
+            Event::Finished { .. } => {}
+        }
+    }
+
+    fn add_stamp(&mut self, stamp: f64) {
+        let (first, latest) = self.first_and_latest_stamp.unwrap_or((stamp, stamp));
+        self.first_and_latest_stamp = Some((first, latest.max(stamp)));
+    }
+
+    fn add_step(&mut self, report: &StepReport<'_>) {
+        let effective = report.effective_sample_size;
+        self.effective_worst = if self.steps == 0 { effective } else { self.effective_worst.min(effective) };
+        self.effective_sum += effective;
+        self.effective_last = effective;
+        if self.steps == 0 {
+            self.first_step_seconds = report.times.seconds().iter().sum();
+        }
+        self.steps += 1;
+        self.resamplings += u64::from(report.resampled);
+        self.clusters = report.map.len();
+        self.particles.push(report.particles.len());
+        self.times += report.times;
+    }
+
+    /// Time from the first entry to the latest \[s\].
+    pub fn log_seconds(&self) -> f64 {
+        self.first_and_latest_stamp.map_or(0.0, |(first, latest)| latest - first)
+    }
+}
