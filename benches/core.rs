@@ -8,7 +8,6 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use ipslam::clustering::{ClusteringConfig, cluster_points};
 use ipslam::config::Config;
 use ipslam::evaluator::cpu::CpuEvaluator;
-use ipslam::evaluator::workload::{FLOP, Workload, instructions, peak_flops};
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::MapCluster;
 use ipslam::map::merging::merge_scan;
@@ -20,6 +19,11 @@ use ipslam::slam::Slam;
 use nalgebra::Point2;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
+use workload::{FLOP, Workload, instructions, peak_flops};
+
+#[allow(dead_code, reason = "the program uses all of it")]
+#[path = "../src/cli/workload.rs"]
+mod workload;
 
 const SEED: u64 = 1;
 const PARTICLES: usize = 10_000;
@@ -123,7 +127,8 @@ fn weighing(_: &mut Criterion) {
 /// The likely fastest device, or the one that `IPSLAM_ADAPTER` names.
 #[cfg(feature = "gpu")]
 fn device(workload: &Workload, cpu: f64, least: Duration) {
-    use ipslam::evaluator::gpu::{GpuEvaluator, device::find};
+    use ipslam::evaluator::gpu::GpuEvaluator;
+    use ipslam::gpu::device::find;
     let wanted = std::env::var("IPSLAM_ADAPTER").ok();
     match find(wanted.as_deref()).and_then(|adapter| GpuEvaluator::new(&adapter)) {
         Ok(mut gpu) => {

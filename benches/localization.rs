@@ -111,7 +111,8 @@ fn entries(log: &CarmenLog, trajectory: &[StampedPose]) -> Result<Vec<Entry>, Bo
 
 #[cfg(feature = "gpu")]
 fn evaluator(on_gpu: bool) -> Result<Option<Box<dyn Evaluator>>, Box<dyn std::error::Error>> {
-    use ipslam::evaluator::gpu::{GpuEvaluator, device::find};
+    use ipslam::evaluator::gpu::GpuEvaluator;
+    use ipslam::gpu::device::find;
     let wanted = std::env::var("IPSLAM_ADAPTER").ok();
     Ok(if on_gpu { Some(Box::new(GpuEvaluator::new(&find(wanted.as_deref())?)?)) } else { None })
 }

@@ -2,8 +2,8 @@
 
 use crate::clustering::ClusteringConfig;
 use crate::evaluator::ProposalConfig;
-use crate::evaluator::layout::{Latent, LikelihoodConfig};
 use crate::geometry::Pose;
+use crate::likelihood::{Latent, LikelihoodConfig};
 use crate::localization::LocalizationConfig;
 use crate::map::matching::{MatchingConfig, MatchingRule};
 use crate::map::merging::{MergingConfig, MergingMethod};

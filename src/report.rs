@@ -1,8 +1,8 @@
 //! What estimators report: every reading, every step and the result, as [`Event`]s to observers, which record, draw or
 //! write, and never steer.
 
-use crate::evaluator::EvaluatorError;
 use crate::geometry::{Pose, StampedPose};
+use crate::gpu::DeviceError;
 use crate::log::LogEntry;
 use crate::map::LineMap;
 use crate::ppca::Cluster;
@@ -52,7 +52,7 @@ pub trait Estimator {
     fn result(&self) -> RunResult;
 
     /// Why the CPU took over from the evaluator that the filter was given.
-    fn evaluator_failure(&self) -> Option<&EvaluatorError>;
+    fn evaluator_failure(&self) -> Option<&DeviceError>;
 }
 
 /// Where the robot is at one reading.

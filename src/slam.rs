@@ -11,15 +11,17 @@
 
 use crate::clustering::cluster_points;
 use crate::config::Config;
+use crate::evaluator::cholesky::{Cholesky, packed, unpacked};
 use crate::evaluator::failover::Failover;
-use crate::evaluator::layout::{LocalPose, Tile, reach, tiles};
-use crate::evaluator::symmetric::{noise_of, packed, unpacked};
+use crate::evaluator::pose::LocalPose;
 use crate::evaluator::table::ClusterTable;
-use crate::evaluator::{Evaluator, EvaluatorError, Propagation, Proposal, Scene, Start, best_mode};
+use crate::evaluator::tiles::{Tile, reach, tiles};
+use crate::evaluator::{Evaluator, Propagation, Proposal, Scene, Start, best_mode};
 use crate::filter::ancestry::Ancestry;
 use crate::filter::resampling::resample;
 use crate::filter::weights::{effective_sample_size, normalised};
 use crate::geometry::Pose;
+use crate::gpu::DeviceError;
 use crate::log::{LaserReading, LogEntry};
 use crate::map::merging::{MapChange, merge_scan};
 use crate::map::{LineMap, Map, MapCluster, Pool, Slot};
@@ -269,7 +271,7 @@ impl Slam {
 
     /// What all draws of particles have in common: noise is that of the motion as the scans have corrected it.
     fn propagation(&self) -> Propagation<'static> {
-        let noise = noise_of(&self.tracked.covariance);
+        let noise = Cholesky::of_covariance(&self.tracked.covariance);
         Propagation {
             seed: self.config.seed,
             step: self.steps,
@@ -427,7 +429,7 @@ impl Estimator for Slam {
         }
     }
 
-    fn evaluator_failure(&self) -> Option<&EvaluatorError> {
+    fn evaluator_failure(&self) -> Option<&DeviceError> {
         self.evaluator.failure()
     }
 }

@@ -9,11 +9,13 @@
 //! Scans are read again from the log in each pass, so memory does not grow with their points.
 
 use crate::config::Config;
-use crate::evaluator::Prior;
+use crate::evaluator::PosePrior;
+use crate::evaluator::cpu::cull::{Candidates, LocalMap};
 use crate::evaluator::cpu::{View, refine};
-use crate::evaluator::cull::{Candidates, LocalMap};
-use crate::evaluator::layout::{ClusterParams, LocalPose, tiles};
+use crate::evaluator::pose::LocalPose;
+use crate::evaluator::tiles::tiles;
 use crate::geometry::Pose;
+use crate::likelihood::ClusterParams;
 use crate::log::{LogEntry, LogError, LogSource, readings};
 use crate::map::merging::consolidated;
 use crate::ppca::{Cluster, Moments};
@@ -114,7 +116,7 @@ fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Config) -> Pla
     let local = LocalMap::new(params, config.likelihood.log_outlier());
     let (position, heading) = (config.smoothing.position.powi(-2) as f32, config.smoothing.heading.powi(-2) as f32);
     let start = LocalPose::new(guess, origin);
-    let prior = Prior { pose: start, information: [position, 0.0, 0.0, position, 0.0, heading] };
+    let prior = PosePrior { pose: start, information: [position, 0.0, 0.0, position, 0.0, heading] };
     let pose = refine(&local, &[start], &prior, &tiles, ITERATIONS).first().map_or(start, |mode| mode.pose);
     let world_from_robot = pose.in_world(origin);
     let mut candidates = Candidates::default();

@@ -613,7 +613,7 @@ fn bench_prints_a_row_for_every_size() {
 #[cfg(feature = "gpu")]
 #[test]
 fn devices_are_listed_and_tested() {
-    use ipslam::evaluator::gpu::device::adapters;
+    use ipslam::gpu::device::adapters;
     let done = Place::new().ipslam(&["devices"]);
     let adapters = adapters();
     if adapters.is_empty() {

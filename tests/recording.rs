@@ -7,7 +7,7 @@ use ipslam::geometry::{Pose, StampedPose};
 use ipslam::map::LineMap;
 use ipslam::pipeline::{RunInfo, Task};
 use ipslam::ppca::Cluster;
-use ipslam::record::rerun::{Level, RecordError, RerunObserver, layout};
+use ipslam::record::rerun::{Level, RecordError, RerunObserver, blueprint};
 use ipslam::report::{Estimate, Event, Observer, ReportedParticle, RunResult, StageTimes, StepReport};
 use ipslam::scan::Scan;
 use nalgebra::{Isometry2, Point2, Vector2};
@@ -47,8 +47,8 @@ impl Recording {
         let mut rows = Vec::new();
         let chunks = self.data.iter_physical_chunks().filter(|chunk| chunk.entity_path() == &path.into());
         for chunk in chunks.filter(|chunk| !chunk.is_static()) {
-            let steps = chunk.iter_component_indices(layout::STEP_TIMELINE.into(), descriptor.component);
-            let times = chunk.iter_component_indices(layout::TIME_TIMELINE.into(), descriptor.component);
+            let steps = chunk.iter_component_indices(blueprint::STEP_TIMELINE.into(), descriptor.component);
+            let times = chunk.iter_component_indices(blueprint::TIME_TIMELINE.into(), descriptor.component);
             let values = chunk.iter_component::<C>(descriptor.component);
             for (((step, _), (time, _)), values) in steps.zip(times).zip(values) {
                 rows.push((step.as_i64(), time.as_f64() / 1e9, values.as_slice().to_vec()));
@@ -210,7 +210,7 @@ fn the_comparison_rejects_a_moved_point() {
 #[test]
 fn steps_come_back() {
     let recording = recorded(5);
-    let scans = recording.points(layout::SCAN_POINTS);
+    let scans = recording.points(blueprint::SCAN_POINTS);
     let times: Vec<f64> = scans.iter().map(|row| row.1).collect();
     assert_eq!(times, [0.0, 0.5, 0.5, 1.5, 2.0], "time stands still where a stamp goes backwards");
     assert_eq!(scans.iter().map(|row| row.0).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
@@ -222,28 +222,28 @@ fn steps_come_back() {
         compare(&positions(points), &world).unwrap();
     }
 
-    let robots: Rows<Vector2D> = recording.rows(layout::ROBOT, Arrows2D::descriptor_vectors());
+    let robots: Rows<Vector2D> = recording.rows(blueprint::ROBOT, Arrows2D::descriptor_vectors());
     assert_eq!(robots.len(), 5);
     for (step, (_, _, vectors)) in (0..).zip(&robots) {
         let (sin, cos) = true_pose(step).heading.sin_cos();
         compare(&[vectors[0].0.0], &[[cos, sin]]).unwrap();
     }
 
-    let seconds = recording.scalars(layout::SECONDS);
+    let seconds = recording.scalars(blueprint::SECONDS);
     assert_eq!(seconds[3], (3, vec![0.1, 0.2, 0.3, 0.5, 0.6, 3.7]));
     assert_eq!(seconds.len(), 5);
-    let sizes = recording.scalars(layout::EFFECTIVE_SAMPLE_SIZE);
+    let sizes = recording.scalars(blueprint::EFFECTIVE_SAMPLE_SIZE);
     assert_eq!(sizes, [1.5, 2.5, 3.5, 4.5, 5.5].map(|size| (size as i64 - 1, vec![size])));
-    assert_eq!(recording.scalars(layout::RESAMPLED), [(1, vec![2.5]), (3, vec![4.5])]);
-    let clusters: Vec<f64> = recording.scalars(layout::CLUSTERS).iter().map(|row| row.1[0]).collect();
+    assert_eq!(recording.scalars(blueprint::RESAMPLED), [(1, vec![2.5]), (3, vec![4.5])]);
+    let clusters: Vec<f64> = recording.scalars(blueprint::CLUSTERS).iter().map(|row| row.1[0]).collect();
     assert_eq!(clusters, [1.0, 1.0, 1.0, 2.0, 2.0]);
 }
 
 #[test]
 fn the_likeliest_particle_is_the_brightest_and_on_top() {
     let recording = recorded(2);
-    let particles = recording.points(layout::PARTICLES);
-    let colours: Rows<Color> = recording.rows(layout::PARTICLES, Points2D::descriptor_colors());
+    let particles = recording.points(blueprint::PARTICLES);
+    let colours: Rows<Color> = recording.rows(blueprint::PARTICLES, Points2D::descriptor_colors());
     assert_eq!((particles.len(), colours.len()), (2, 2));
     compare(&positions(&particles[1].2), &[[0.2, 1.0], [0.0, 1.0], [0.1, 1.0]]).unwrap();
     let brightness: Vec<u32> =
@@ -275,7 +275,7 @@ fn many_particles_are_sampled() {
         times: StageTimes::default(),
     }));
     drop(observer);
-    let shown = Recording::read(&path).points(layout::PARTICLES);
+    let shown = Recording::read(&path).points(blueprint::PARTICLES);
     let expected: Vec<_> = (0..2000).map(|i| [5.0 * f64::from(i), 0.0]).collect();
     compare(&positions(&shown[0].2), &expected).unwrap();
 }
@@ -284,14 +284,14 @@ fn many_particles_are_sampled() {
 #[test]
 fn the_map_is_recorded_where_it_changes() {
     let recording = recorded(5);
-    let maps = recording.strips(layout::MAP_CLUSTERS);
+    let maps = recording.strips(blueprint::MAP_CLUSTERS);
     assert_eq!(maps.iter().map(|row| (row.0, row.2.len())).collect::<Vec<_>>(), [(0, 1), (3, 2), (5, 3)]);
     for (wall, strip) in maps[2].2.iter().enumerate() {
         let x = 5.0 * wall as f64;
         compare(&corners(strip), &[[x - 0.9, 2.8], [x + 0.9, 5.2]]).unwrap();
     }
 
-    let ellipses = recording.strips(layout::MAP_ELLIPSES);
+    let ellipses = recording.strips(blueprint::MAP_ELLIPSES);
     assert_eq!(ellipses.iter().map(|row| (row.0, row.2.len())).collect::<Vec<_>>(), [(0, 1), (5, 3)]);
     let precision = wall(5.0).covariance().try_inverse().unwrap();
     let ring = corners(&ellipses[1].2[1]);
@@ -312,7 +312,7 @@ fn trails_are_whole_and_cost_the_same_every_step() {
     let drifting: Vec<_> = (0..steps).map(|step| xy(world_from_odom * motion(odometry(step)))).collect();
     assert!((drifting[0][0] - way[0][0]).hypot(drifting[0][1] - way[0][1]) < 1e-12, "both start at one place");
 
-    for (trail, expected) in [(layout::TRAIL, &way), (layout::ODOMETRY_TRAIL, &drifting)] {
+    for (trail, expected) in [(blueprint::TRAIL, &way), (blueprint::ODOMETRY_TRAIL, &drifting)] {
         let (mut joined, mut rows, mut longest) = (Vec::new(), 0, 0);
         for piece in 0.. {
             let pieces = recording.strips(&format!("{trail}/{piece}"));
@@ -328,12 +328,12 @@ fn trails_are_whole_and_cost_the_same_every_step() {
         assert!(longest <= 64, "{longest}");
     }
 
-    for (path, expected) in [(layout::TRAJECTORY, &way), (layout::ODOMETRY, &drifting)] {
+    for (path, expected) in [(blueprint::TRAJECTORY, &way), (blueprint::ODOMETRY, &drifting)] {
         let found = recording.strips(path);
         assert_eq!(found.iter().map(|row| row.0).collect::<Vec<_>>(), [i64::from(steps)]);
         compare(&corners(&found[0].2[0]), expected).unwrap();
     }
-    let cleared: Rows<ClearIsRecursive> = recording.rows(layout::STEP, Clear::descriptor_is_recursive());
+    let cleared: Rows<ClearIsRecursive> = recording.rows(blueprint::STEP, Clear::descriptor_is_recursive());
     assert_eq!(cleared.iter().map(|row| row.0).collect::<Vec<_>>(), [i64::from(steps)]);
 }
 
@@ -361,7 +361,7 @@ fn the_layout_travels_with_the_data() {
 fn the_world_is_shown_with_y_up() {
     let recording = recorded(1);
     let scale = Transform3D::descriptor_scale().component;
-    let world = recording.data.iter_physical_chunks().filter(|chunk| chunk.entity_path() == &layout::WORLD.into());
+    let world = recording.data.iter_physical_chunks().filter(|chunk| chunk.entity_path() == &blueprint::WORLD.into());
     let scales: Vec<Scale3D> = world
         .flat_map(|chunk| {
             chunk.iter_component::<Scale3D>(scale).flat_map(|row| row.as_slice().to_vec()).collect::<Vec<_>>()

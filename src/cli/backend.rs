@@ -51,7 +51,7 @@ impl BackendArgs {
 impl BackendArgs {
     /// The evaluator that was asked for.
     pub fn choose(&self) -> anyhow::Result<Chosen> {
-        use ipslam::evaluator::gpu::device::{AdapterKind, find};
+        use ipslam::gpu::device::{AdapterKind, find};
         match self.backend {
             Backend::Cpu => {
                 anyhow::ensure!(self.adapter.is_none(), "--adapter chooses a GPU, and --backend cpu takes none");
@@ -72,7 +72,7 @@ impl BackendArgs {
 }
 
 #[cfg(feature = "gpu")]
-fn open(adapter: &ipslam::evaluator::gpu::device::Adapter) -> Result<Chosen, ipslam::evaluator::EvaluatorError> {
+fn open(adapter: &ipslam::gpu::device::Adapter) -> Result<Chosen, ipslam::gpu::DeviceError> {
     let evaluator = ipslam::evaluator::gpu::GpuEvaluator::new(adapter)?;
     let name = format!("{} ({}, {})", adapter.name, adapter.interface, adapter.driver);
     Ok(Chosen { evaluator: Some(Box::new(evaluator)), name })

@@ -1,8 +1,8 @@
 //! `ipslam bench`: how fast this machine and each of its devices weigh particles.
 
+use super::workload::{FLOP, Workload, instructions, peak_flops};
 use ipslam::evaluator::Evaluator;
 use ipslam::evaluator::cpu::CpuEvaluator;
-use ipslam::evaluator::workload::{FLOP, Workload, instructions, peak_flops};
 use serde::Serialize;
 use serde_json::json;
 use std::time::Duration;
@@ -194,7 +194,7 @@ fn devices() -> (Vec<Named>, Vec<anyhow::Error>) {
 #[cfg(feature = "gpu")]
 fn devices() -> (Vec<Named>, Vec<anyhow::Error>) {
     let (mut devices, mut errors) = (Vec::<Named>::new(), Vec::new());
-    for adapter in ipslam::evaluator::gpu::device::adapters() {
+    for adapter in ipslam::gpu::device::adapters() {
         match ipslam::evaluator::gpu::GpuEvaluator::new(&adapter) {
             Ok(device) => {
                 let name = format!("{} ({}, {})", adapter.name, adapter.interface, adapter.driver);

@@ -1,13 +1,12 @@
 //! `ipslam devices`: which devices there are, and whether they compute what the CPU computes.
 
 #[cfg(feature = "gpu")]
-use ipslam::evaluator::{
-    EvaluatorError,
-    gpu::{
-        GpuEvaluator,
-        device::{Adapter, adapters, find},
-    },
-    workload::Workload,
+use super::workload::Workload;
+#[cfg(feature = "gpu")]
+use ipslam::{
+    evaluator::gpu::GpuEvaluator,
+    gpu::DeviceError,
+    gpu::device::{Adapter, adapters, find},
 };
 #[cfg(feature = "gpu")]
 use serde::Serialize;
@@ -86,7 +85,7 @@ pub fn devices(args: &DevicesArgs) -> anyhow::Result<Vec<anyhow::Error>> {
 }
 
 #[cfg(feature = "gpu")]
-fn test(adapter: &Adapter) -> Result<f64, EvaluatorError> {
+fn test(adapter: &Adapter) -> Result<f64, DeviceError> {
     Workload::new(1000, 361, 200).difference(&mut GpuEvaluator::new(adapter)?)
 }
 

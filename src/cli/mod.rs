@@ -23,6 +23,7 @@ mod simulate;
 mod summary;
 mod truth;
 mod view;
+mod workload;
 
 const EXIT_CODES: &str = "Exit codes:
   0    all went well

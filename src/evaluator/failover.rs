@@ -1,13 +1,14 @@
 //! The CPU takes over where a device fails.
 
-use super::layout::LocalPose;
-use super::{Advance, Evaluator, EvaluatorError, Propagation, Proposal, Scene, Weighed, cpu};
+use super::pose::LocalPose;
+use super::{Advance, Evaluator, Propagation, Proposal, Scene, Weighed, cpu};
+use crate::gpu::DeviceError;
 
 /// An evaluator that may fail, and the CPU from then on.
 #[derive(Debug)]
 pub struct Failover {
     preferred: Option<Box<dyn Evaluator>>,
-    failure: Option<EvaluatorError>,
+    failure: Option<DeviceError>,
 }
 
 impl Failover {
@@ -17,7 +18,7 @@ impl Failover {
     }
 
     /// Why the CPU took over.
-    pub fn failure(&self) -> Option<&EvaluatorError> {
+    pub fn failure(&self) -> Option<&DeviceError> {
         self.failure.as_ref()
     }
 
@@ -38,7 +39,7 @@ impl Failover {
     }
 
     /// What the preferred evaluator answers, while there is one.
-    fn preferred<T>(&mut self, ask: impl FnOnce(&mut dyn Evaluator) -> Result<T, EvaluatorError>) -> Option<T> {
+    fn preferred<T>(&mut self, ask: impl FnOnce(&mut dyn Evaluator) -> Result<T, DeviceError>) -> Option<T> {
         match ask(self.preferred.as_deref_mut()?) {
             Ok(answer) => Some(answer),
             Err(failure) => {

@@ -1,6 +1,6 @@
 //! Groups of particles: of one map, and close together, so that they can share candidate lists.
 
-use super::layout::LocalPose;
+use super::pose::LocalPose;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 

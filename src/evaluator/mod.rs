@@ -21,22 +21,23 @@
 //! Everything here is f32 in a frame near the robot, that of the [`ClusterTable`], so that a map kilometres from the
 //! origin keeps its millimetres; the host goes on in f64.
 
+use crate::gpu::DeviceError;
 use crate::map::Slot;
 use crate::random::Draw;
-use layout::{LocalPose, Tile};
+use pose::LocalPose;
 use serde::{Deserialize, Serialize};
 use table::ClusterTable;
+use tiles::Tile;
 
+pub mod cholesky;
 pub mod cpu;
-pub mod cull;
 pub mod failover;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod grouping;
-pub mod layout;
-pub mod symmetric;
+pub mod pose;
 pub mod table;
-pub mod workload;
+pub mod tiles;
 
 /// How particles are proposed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -84,7 +85,7 @@ pub struct Propagation<'a> {
     /// Whether the first particle of each map starts at the mean of the motion itself.
     pub exact_first: bool,
     /// Lower triangle whose product with standard normal numbers is the noise of the motion, in the robot's frame.
-    pub noise: symmetric::Cholesky,
+    pub noise: cholesky::Cholesky,
     /// Inverse covariance of the prior, (forward, sideways, heading) in its robot's frame.
     pub prior_information: [f32; 6],
     /// At most so many Gauss-Newton steps, and half as many with thick walls before; 0: none, and no look at the map.
@@ -106,7 +107,7 @@ pub struct Start {
 
 /// Where the motion alone expects a particle.
 #[derive(Clone, Copy, Debug)]
-pub struct Prior {
+pub struct PosePrior {
     /// The mean.
     pub pose: LocalPose,
     /// Inverse covariance of (forward, sideways, heading) in the robot's frame: xx, xy, xh, yy, yh, hh.
@@ -151,7 +152,7 @@ pub struct Advance {
     /// Mean of the motion: forward, sideways \[m\], turn \[rad\].
     pub motion: [f32; 3],
     /// Lower triangle whose product with standard normal numbers is its noise, in the robot's frame.
-    pub noise: symmetric::Cholesky,
+    pub noise: cholesky::Cholesky,
     /// Standard deviation across a wall at least \[m\]; that of the scene's table at most.
     pub capture_sigma: f32,
 }
@@ -165,38 +166,6 @@ pub struct Weighed {
     pub log_likelihood: f32,
 }
 
-/// Why an evaluator gave no answer.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum EvaluatorError {
-    /// There is no device to run on.
-    #[error("no device: {reason}")]
-    NoDevice {
-        /// What was looked for, what was found, and what to do.
-        reason: String,
-    },
-    /// The device gave up.
-    #[error("the device {device} failed: {reason}")]
-    DeviceFailed {
-        /// Its name.
-        device: String,
-        /// In the words of its driver.
-        reason: String,
-    },
-    /// More than the device holds.
-    #[error("the device {device} has no room for {what}: {needed} bytes, and it can hold {largest}")]
-    TooLarge {
-        /// Its name.
-        device: String,
-        /// What was to be stored.
-        what: &'static str,
-        /// Bytes that it takes.
-        needed: u64,
-        /// Bytes that there are.
-        largest: u64,
-    },
-}
-
 /// Draws and weighs particles.
 pub trait Evaluator: std::fmt::Debug + Send {
     /// Draws a pose for every particle: motion, climb and draw. As many proposals as maps times particles a map; the
@@ -204,14 +173,14 @@ pub trait Evaluator: std::fmt::Debug + Send {
     ///
     /// # Errors
     /// The device failed; the same call to another evaluator gives what this one should have given.
-    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError>;
+    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, DeviceError>;
 
     /// The log-likelihood (eq. 18) of the scan from each pose; as many poses for each map, those of the first map first.
     /// Their number is a multiple of that of the maps.
     ///
     /// # Errors
     /// As for `propagate`.
-    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError>;
+    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError>;
 
     /// Moves every pose by a motion of its own, drawn from `how` (eq. 17), and tells the log-likelihood of the scan from
     /// there among thick walls, which few particles find sooner than walls as they are. All poses are of the scene's
@@ -219,12 +188,7 @@ pub trait Evaluator: std::fmt::Debug + Send {
     ///
     /// # Errors
     /// As for `propagate`.
-    fn advance(
-        &mut self,
-        scene: &Scene<'_>,
-        how: &Advance,
-        poses: &[LocalPose],
-    ) -> Result<Vec<Weighed>, EvaluatorError>;
+    fn advance(&mut self, scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Result<Vec<Weighed>, DeviceError>;
 }
 
 /// Longest step of one iteration \[m, m, rad\]: a quadratic is trusted no further.

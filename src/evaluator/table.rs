@@ -3,8 +3,8 @@
 //! Rows are relative to an anchor near the robot, so that a map kilometres from the origin keeps its millimetres. When
 //! the robot has gone too far from it, the anchor follows and all rows are written anew.
 
-use super::layout::{ClusterParams, LikelihoodConfig};
 use crate::geometry::Pose;
+use crate::likelihood::{ClusterParams, LikelihoodConfig};
 use crate::map::{Pool, Slot};
 use crate::ppca::Cluster;
 use nalgebra::Point2;

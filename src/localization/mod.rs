@@ -11,16 +11,18 @@
 //!   the map as it is ([`Evaluator::propagate`]); `estimate` tells when it can be relied on.
 
 use crate::config::Config;
+use crate::evaluator::cholesky::{Cholesky, packed, unpacked};
 use crate::evaluator::failover::Failover;
 use crate::evaluator::grouping::sort_by_place;
-use crate::evaluator::layout::{LocalPose, Tile, reach, tiles};
-use crate::evaluator::symmetric::{noise_of, packed, unpacked};
-use crate::evaluator::{Advance, Evaluator, EvaluatorError, Mode, Propagation, Scene, Start, Weighed, best_mode};
+use crate::evaluator::pose::LocalPose;
+use crate::evaluator::tiles::{Tile, reach, tiles};
+use crate::evaluator::{Advance, Evaluator, Mode, Propagation, Scene, Start, Weighed, best_mode};
 use crate::filter::kld::{SampleSize, sample_size};
 use crate::filter::recovery::Recovery;
 use crate::filter::resampling::resample;
 use crate::filter::weights::{effective_sample_size, normalised};
 use crate::geometry::Pose;
+use crate::gpu::DeviceError;
 use crate::grid::FreeArea;
 use crate::log::LogEntry;
 use crate::map::LineMap;
@@ -48,7 +50,7 @@ pub struct LocalizationConfig {
     /// Fewest particles.
     pub min_particles: usize,
     /// Log-likelihoods are multiplied by this, in place of
-    /// [`LikelihoodConfig::temper`](crate::evaluator::layout::LikelihoodConfig::temper): places that look alike are told
+    /// [`LikelihoodConfig::temper`](crate::likelihood::LikelihoodConfig::temper): places that look alike are told
     /// apart by what comes after them, so both have to be kept till then.
     pub temper: f64,
     /// Smallest standard deviation across a wall while particles are weighed \[m\].
@@ -264,7 +266,7 @@ impl Localization {
             seed: self.config.seed,
             step: self.steps,
             motion: [x, y, heading].map(|number| number as f32),
-            noise: noise_of(&self.by_odometry.covariance),
+            noise: Cholesky::of_covariance(&self.by_odometry.covariance),
             capture_sigma: self.capture_sigma as f32,
         };
         let scene = Scene { table: &self.walls.table, tiles, maps: &self.walls.slots };
@@ -312,7 +314,7 @@ impl Localization {
             particles_a_map: self.config.proposal.tracking_starts.max(1) as usize,
             // Where it is expected.
             exact_first: true,
-            noise: noise_of(covariance),
+            noise: Cholesky::of_covariance(covariance),
             prior_information: packed(&information),
             iterations: self.config.proposal.iterations.max(1),
             capture_sigma: self.capture_sigma as f32,
@@ -432,7 +434,7 @@ impl Estimator for Localization {
         RunResult { map, poses: self.estimates.clone() }
     }
 
-    fn evaluator_failure(&self) -> Option<&EvaluatorError> {
+    fn evaluator_failure(&self) -> Option<&DeviceError> {
         self.evaluator.failure()
     }
 }

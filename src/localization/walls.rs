@@ -1,9 +1,10 @@
 //! The walls of a known map, and how far they agree with a scan.
 
 use crate::config::Config;
-use crate::evaluator::layout::{ClusterParams, LikelihoodConfig, Tile, reach};
 use crate::evaluator::table::ClusterTable;
+use crate::evaluator::tiles::{Tile, reach};
 use crate::geometry::Pose;
+use crate::likelihood::{ClusterParams, LikelihoodConfig};
 use crate::map::{MapCluster, Pool, Slot};
 use crate::ppca::Cluster;
 use nalgebra::Point2;

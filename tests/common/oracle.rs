@@ -3,8 +3,8 @@
 
 #![allow(dead_code)] // Not every test needs all of it.
 
-use ipslam::evaluator::layout::{Latent, LikelihoodConfig};
 use ipslam::geometry::Pose;
+use ipslam::likelihood::{Latent, LikelihoodConfig};
 use ipslam::ppca::Cluster;
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 use std::f64::consts::TAU;

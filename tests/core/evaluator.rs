@@ -2,12 +2,14 @@
 
 use crate::oracle::{slow, slow_density, slow_point, thick};
 use crate::{normals, uniforms, wall};
+use ipslam::evaluator::cholesky::unpacked;
+use ipslam::evaluator::cpu::cull::{Candidates, LocalMap};
 use ipslam::evaluator::cpu::{Evaluation, View};
-use ipslam::evaluator::cull::{Candidates, LocalMap};
-use ipslam::evaluator::layout::{ClusterParams, Latent, LikelihoodConfig, LocalPose, Tile, tiles};
-use ipslam::evaluator::symmetric::unpacked;
+use ipslam::evaluator::pose::LocalPose;
 use ipslam::evaluator::table::ClusterTable;
+use ipslam::evaluator::tiles::{Tile, tiles};
 use ipslam::geometry::Pose;
+use ipslam::likelihood::{ClusterParams, Latent, LikelihoodConfig};
 use ipslam::map::{MapCluster, Pool, Slot};
 use ipslam::ppca::Cluster;
 use nalgebra::{Point2, Vector2};

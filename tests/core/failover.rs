@@ -2,8 +2,9 @@
 
 use ipslam::config::Config;
 use ipslam::evaluator::cpu::CpuEvaluator;
-use ipslam::evaluator::layout::LocalPose;
-use ipslam::evaluator::{Advance, Evaluator, EvaluatorError, Propagation, Proposal, Scene, Weighed};
+use ipslam::evaluator::pose::LocalPose;
+use ipslam::evaluator::{Advance, Evaluator, Propagation, Proposal, Scene, Weighed};
+use ipslam::gpu::DeviceError;
 use ipslam::log::LogSource;
 use ipslam::report::Estimator as _;
 use ipslam::simulate::Simulation;
@@ -14,30 +15,25 @@ use ipslam::slam::Slam;
 struct Dying(u32);
 
 impl Dying {
-    fn breathe(&mut self) -> Result<(), EvaluatorError> {
-        let failure = || EvaluatorError::DeviceFailed { device: "Dying".to_owned(), reason: "it has died".to_owned() };
+    fn breathe(&mut self) -> Result<(), DeviceError> {
+        let failure = || DeviceError::DeviceFailed { device: "Dying".to_owned(), reason: "it has died".to_owned() };
         self.0 = self.0.checked_sub(1).ok_or_else(failure)?;
         Ok(())
     }
 }
 
 impl Evaluator for Dying {
-    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError> {
+    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, DeviceError> {
         self.breathe()?;
         CpuEvaluator.propagate(scene, how)
     }
 
-    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
+    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError> {
         self.breathe()?;
         CpuEvaluator.weigh(scene, poses)
     }
 
-    fn advance(
-        &mut self,
-        scene: &Scene<'_>,
-        how: &Advance,
-        poses: &[LocalPose],
-    ) -> Result<Vec<Weighed>, EvaluatorError> {
+    fn advance(&mut self, scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Result<Vec<Weighed>, DeviceError> {
         self.breathe()?;
         CpuEvaluator.advance(scene, how, poses)
     }

@@ -1,12 +1,14 @@
 //! Scan matching in a room that is known, and draws from the Laplace approximation.
 
 use crate::{uniforms, wall};
+use ipslam::evaluator::cholesky::{Cholesky, unpacked};
 use ipslam::evaluator::cpu::propagate_all;
-use ipslam::evaluator::layout::{LikelihoodConfig, LocalPose, Tile, tiles};
-use ipslam::evaluator::symmetric::{Cholesky, unpacked};
+use ipslam::evaluator::pose::LocalPose;
 use ipslam::evaluator::table::ClusterTable;
+use ipslam::evaluator::tiles::{Tile, tiles};
 use ipslam::evaluator::{Propagation, Proposal, Scene, Start};
 use ipslam::geometry::Pose;
+use ipslam::likelihood::LikelihoodConfig;
 use ipslam::map::{Map, MapCluster, Pool};
 use ipslam::random::Draw;
 use nalgebra::{Matrix3, Point2, Vector3};

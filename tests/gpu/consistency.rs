@@ -4,15 +4,16 @@ use crate::oracle::{slow, slow_climb, slow_density, thick};
 use crate::wall::wall;
 use crate::worlds::{World, all, configs, random};
 use ipslam::config::Config;
+use ipslam::evaluator::cholesky::{Cholesky, unpacked};
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::gpu::GpuEvaluator;
-use ipslam::evaluator::gpu::device::Adapter;
-use ipslam::evaluator::gpu::shaders::Together;
-use ipslam::evaluator::layout::{LikelihoodConfig, LocalPose};
-use ipslam::evaluator::symmetric::{Cholesky, unpacked};
+use ipslam::evaluator::gpu::kernels::Together;
+use ipslam::evaluator::pose::LocalPose;
 use ipslam::evaluator::table::ClusterTable;
 use ipslam::evaluator::{Advance, Evaluator, Propagation, Proposal, Scene, Start};
 use ipslam::geometry::{Pose, StampedPose, wrap_angle};
+use ipslam::gpu::device::Adapter;
+use ipslam::likelihood::LikelihoodConfig;
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::{MapCluster, Pool};
 use ipslam::metrics::trajectory::reference_errors;
@@ -333,7 +334,7 @@ pub fn draws_are_alike(adapter: &Adapter) {
 /// No list misses a cluster that is likelier than an outlier for some point from some pose, and none is much longer than
 /// that of the CPU.
 pub fn compare_lists(evaluator: &mut GpuEvaluator) -> Found {
-    use ipslam::evaluator::cull::{Candidates, LocalMap};
+    use ipslam::evaluator::cpu::cull::{Candidates, LocalMap};
     let mut found = Found::default();
     let (mut overflown, mut listed_by_gpu, mut listed_by_cpu) = (0, 0, 0);
     for world in all() {

@@ -4,13 +4,14 @@ use crate::consistency::{
     Found, compare_advanced, compare_draws, compare_lists, compare_propagated, compare_refined, compare_weighed, how,
 };
 use crate::worlds::{configs, random};
+use ipslam::evaluator::Evaluator;
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::failover::Failover;
 use ipslam::evaluator::gpu::GpuEvaluator;
-use ipslam::evaluator::gpu::device::{Adapter, adapters, find};
-use ipslam::evaluator::gpu::shaders::{Kernel, Together};
-use ipslam::evaluator::{Evaluator, EvaluatorError};
+use ipslam::evaluator::gpu::kernels::{Kernel, Together};
 use ipslam::geometry::Pose;
+use ipslam::gpu::DeviceError;
+use ipslam::gpu::device::{Adapter, adapters, find};
 
 /// A wrong kernel: what is replaced by what, and the comparison that has to see it.
 struct Wrong {
@@ -161,7 +162,7 @@ pub fn wrong_kernels_are_found_out(adapter: &Adapter) {
 
 pub fn a_kernel_that_is_no_wgsl_is_an_error(adapter: &Adapter) {
     let error = GpuEvaluator::with_sources(adapter, |_, _| "fn".to_owned()).unwrap_err();
-    assert!(matches!(error, EvaluatorError::DeviceFailed { .. }), "{error}");
+    assert!(matches!(error, DeviceError::DeviceFailed { .. }), "{error}");
 }
 
 pub fn a_lost_device_is_an_error_and_the_cpu_takes_over(adapter: &Adapter) {
@@ -173,7 +174,7 @@ pub fn a_lost_device_is_an_error_and_the_cpu_takes_over(adapter: &Adapter) {
     gpu.destroy();
     let error = gpu.propagate(&world.scene(), &how).unwrap_err();
     println!("{error}");
-    assert!(matches!(&error, EvaluatorError::DeviceFailed { device, .. } if *device == adapter.name), "{error}");
+    assert!(matches!(&error, DeviceError::DeviceFailed { device, .. } if *device == adapter.name), "{error}");
     assert!(gpu.weigh(&world.scene(), &world.local_poses()).is_err());
 
     let mut failover = Failover::new(Some(Box::new(gpu)));

@@ -1,9 +1,10 @@
 //! What needs no device: the kernels are valid WGSL, and what they share with the host lies alike on both sides.
 
+use ipslam::evaluator::gpu::kernels::{Kernel, Together};
 use ipslam::evaluator::gpu::layout::{GROUP, Group, GroupBounds, Job, LIST_ROOM, ParticleMode, Phase};
-use ipslam::evaluator::gpu::shaders::{Kernel, Together};
-use ipslam::evaluator::layout::{ClusterParams, Tile};
+use ipslam::evaluator::tiles::Tile;
 use ipslam::evaluator::{CONVERGED, MAX_STEP};
+use ipslam::likelihood::ClusterParams;
 use ipslam::random::Draw;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Module, TypeInner};

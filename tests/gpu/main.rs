@@ -17,7 +17,7 @@ mod oracle;
 mod wall;
 mod worlds;
 
-use ipslam::evaluator::gpu::device::{Adapter, find};
+use ipslam::gpu::device::{Adapter, find};
 use libtest_mimic::{Arguments, Trial};
 
 /// A test that needs a device.

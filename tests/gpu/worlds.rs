@@ -3,11 +3,13 @@
 use crate::common::data;
 use crate::wall::wall;
 use ipslam::clustering::{ClusteringConfig, cluster_points};
-use ipslam::evaluator::layout::{Latent, LikelihoodConfig, LocalPose, Tile, tiles};
+use ipslam::evaluator::pose::LocalPose;
 use ipslam::evaluator::table::ClusterTable;
+use ipslam::evaluator::tiles::{Tile, tiles};
 use ipslam::evaluator::{Scene, Start};
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::CarmenLog;
+use ipslam::likelihood::{Latent, LikelihoodConfig};
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::{MapCluster, Pool, Slot};
 use ipslam::ppca::Cluster;

@@ -1,19 +1,22 @@
-//! The evaluator on the CPU, on all cores.
+//! The evaluator on the CPU, on all cores. Each file is the twin of the kernel of its name in `shaders/`.
 
-use super::cull::{Candidates, LocalMap};
 use super::grouping::{ParticleGroup, by_place, in_order};
-use super::layout::LocalPose;
-use super::symmetric::Cholesky;
-use super::{Advance, Evaluator, EvaluatorError, Mode, Prior, Propagation, Proposal, Scene, Weighed};
+use super::pose::LocalPose;
+use super::{Advance, Evaluator, Mode, PosePrior, Propagation, Proposal, Scene, Weighed};
+use crate::gpu::DeviceError;
 use crate::map::Slot;
-use crate::random::{Draw, normals};
+use cull::LocalMap;
 use rayon::prelude::*;
 
-mod climb;
-mod look;
+pub mod cull;
+mod draw;
+mod likeliest;
+mod propagate;
+mod refine;
+mod weigh;
 
-pub use climb::refine;
-pub use look::{Evaluation, View};
+pub use likeliest::View;
+pub use refine::{Evaluation, refine};
 
 /// The evaluator on the CPU. It never fails.
 #[derive(Clone, Copy, Debug, Default)]
@@ -25,20 +28,15 @@ const CLIMBERS: usize = 16;
 const WEIGHED: usize = 64;
 
 impl Evaluator for CpuEvaluator {
-    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError> {
+    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, DeviceError> {
         Ok(propagate_all(scene, how))
     }
 
-    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
+    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError> {
         Ok(weigh_all(scene, poses))
     }
 
-    fn advance(
-        &mut self,
-        scene: &Scene<'_>,
-        how: &Advance,
-        poses: &[LocalPose],
-    ) -> Result<Vec<Weighed>, EvaluatorError> {
+    fn advance(&mut self, scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Result<Vec<Weighed>, DeviceError> {
         Ok(advance_all(scene, how, poses))
     }
 }
@@ -46,18 +44,19 @@ impl Evaluator for CpuEvaluator {
 /// As [`Evaluator::propagate`].
 pub fn propagate_all(scene: &Scene<'_>, how: &Propagation<'_>) -> Vec<Proposal> {
     let propose = |ParticleGroup { map, particles }: ParticleGroup| {
-        let sampled: Vec<LocalPose> = particles.iter().map(|&particle| propagate(particle, map, how)).collect();
+        let sampled: Vec<LocalPose> =
+            particles.iter().map(|&particle| propagate::propagate(particle, map, how)).collect();
         if how.iterations == 0 {
             let stay = |&drawn: &LocalPose| Proposal { drawn, mode: Mode { pose: drawn, ..Mode::default() } };
             return sampled.iter().map(stay).collect::<Vec<_>>();
         }
-        let prior = Prior { pose: how.starts[map].prior, information: how.prior_information };
+        let prior = PosePrior { pose: how.starts[map].prior, information: how.prior_information };
         let slots = &scene.maps[map];
         let thick = thick_map(scene, slots, how.capture_sigma);
         let captured: Vec<LocalPose> =
             refine(&thick, &sampled, &prior, scene.tiles, how.iterations / 2).iter().map(|mode| mode.pose).collect();
         let modes = refine(&local_map(scene, slots), &captured, &prior, scene.tiles, how.iterations);
-        particles.iter().zip(modes).map(|(&particle, mode)| draw(particle, mode, how)).collect()
+        particles.iter().zip(modes).map(|(&particle, mode)| draw::draw(particle, mode, how)).collect()
     };
     in_order(how.starts.len(), how.particles_a_map, CLIMBERS).into_par_iter().flat_map_iter(propose).collect()
 }
@@ -68,7 +67,7 @@ pub fn weigh_all(scene: &Scene<'_>, poses: &[LocalPose]) -> Vec<f32> {
     let maps: Vec<LocalMap> = scene.maps.par_iter().map(|slots| local_map(scene, slots)).collect();
     let weigh = |group: &ParticleGroup| {
         let poses: Vec<LocalPose> = group.particles.iter().map(|&particle| poses[particle as usize]).collect();
-        weigh(&maps[group.map], scene, &poses)
+        weigh::weigh(&maps[group.map], scene.tiles, &poses)
     };
     let groups = by_place(scene.maps.len(), poses, WEIGHED);
     let weighed: Vec<Vec<f32>> = groups.par_iter().map(weigh).collect();
@@ -85,12 +84,9 @@ pub fn weigh_all(scene: &Scene<'_>, poses: &[LocalPose]) -> Vec<f32> {
 pub fn advance_all(scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Vec<Weighed> {
     let map = thick_map(scene, scene.maps.first().map_or(&[], Vec::as_slice), how.capture_sigma);
     let advance = |(group, poses): (usize, &[LocalPose])| {
-        let moved = |(particle, pose): (u32, &LocalPose)| {
-            let [x, y, heading, _] = normals(how.seed, how.step, particle, Draw::Motion);
-            pose.moved(how.motion).moved(how.noise.times([x, y, heading]))
-        };
+        let moved = |(particle, pose): (u32, &LocalPose)| propagate::advance(particle, *pose, how);
         let poses: Vec<LocalPose> = ((group * WEIGHED) as u32..).zip(poses).map(moved).collect();
-        let log_likelihoods = weigh(&map, scene, &poses);
+        let log_likelihoods = weigh::weigh(&map, scene.tiles, &poses);
         let weighed = |(pose, log_likelihood)| Weighed { pose, log_likelihood };
         poses.into_iter().zip(log_likelihoods).map(weighed).collect::<Vec<_>>()
     };
@@ -104,33 +100,4 @@ fn local_map(scene: &Scene<'_>, slots: &[Slot]) -> LocalMap {
 fn thick_map(scene: &Scene<'_>, slots: &[Slot], capture_sigma: f32) -> LocalMap {
     let rows = slots.iter().map(|&slot| scene.table.rows()[slot as usize].thickened(capture_sigma));
     LocalMap::new(rows, scene.table.log_outlier())
-}
-
-/// A pose from the motion (eq. 17).
-fn propagate(particle: u32, map: usize, how: &Propagation<'_>) -> LocalPose {
-    let mean = how.starts[map].mean;
-    if how.exact_first && particle as usize == map * how.particles_a_map {
-        return mean;
-    }
-    let [x, y, heading, _] = normals(how.seed, how.step, particle, how.draw);
-    mean.moved(how.noise.times([x, y, heading]))
-}
-
-/// A pose around the top of the posterior.
-fn draw(particle: u32, mode: Mode, how: &Propagation<'_>) -> Proposal {
-    let [x, y, heading, _] = normals(how.seed, how.step, particle, Draw::Proposal);
-    let drawn = Cholesky::new(mode.information).map_or(mode.pose, |cholesky| {
-        mode.pose.moved(cholesky.solve_transposed([x, y, heading].map(|z| z * how.spread)))
-    });
-    Proposal { drawn, mode }
-}
-
-/// Log-likelihoods of a group of poses that lie close together.
-fn weigh(map: &LocalMap, scene: &Scene<'_>, poses: &[LocalPose]) -> Vec<f32> {
-    let mut candidates = Candidates::default();
-    candidates.cover(map, scene.tiles, poses, [0.0; 2]);
-    let mut out = vec![0.0; poses.len()];
-    let view = View { tiles: scene.tiles, candidates: &candidates, log_outlier: map.log_outlier() };
-    view.log_likelihoods(poses, &mut out);
-    out
 }

@@ -8,27 +8,35 @@
 //! of its slots.
 
 use super::grouping::{ParticleGroup, by_place, in_order};
-use super::layout::{ClusterParams, LocalPose};
+use super::pose::LocalPose;
 use super::table::{Changed, ClusterTable, Revision};
-use super::{Advance, Evaluator, EvaluatorError, Mode, Propagation, Proposal, SLACK, Scene, Weighed};
+use super::{Advance, Evaluator, Mode, Propagation, Proposal, SLACK, Scene, Weighed};
+use crate::gpu::DeviceError;
+use crate::gpu::buffers::{Buffer, Usage};
+use crate::gpu::device::{Adapter, AdapterKind, Device};
+use crate::gpu::submission::{Bindings, Pipeline, Submission};
+use crate::likelihood::ClusterParams;
 use crate::map::Slot;
-use buffers::Buffers;
-use device::{Adapter, Opened};
+use buffers::{Buffers, phase_offset};
+use kernels::{Kernel, Together};
 use layout::{GROUP, Group, GroupBounds, Job, LIST_ROOM, ParticleMode, Phase};
-use shaders::{Kernel, Together};
 
 mod buffers;
-pub mod device;
+pub mod kernels;
 pub mod layout;
-pub mod shaders;
 
 /// The evaluator on one device.
 #[derive(Debug)]
 pub struct GpuEvaluator {
-    opened: Opened,
+    device: Device,
     /// In the order of [`Kernel::ALL`]; for each one that sees walls as they are, and one that sees thick ones.
-    pipelines: [[wgpu::ComputePipeline; 2]; 5],
+    pipelines: [[Pipeline; 2]; 5],
     buffers: Buffers,
+    bindings: Bindings,
+    /// What poses are read back through.
+    read_poses: Buffer,
+    /// What modes and candidate lists are read back through.
+    read_more: Buffer,
     /// Revision of the table that the device has.
     revision: Option<Revision>,
 }
@@ -64,7 +72,7 @@ impl GpuEvaluator {
     ///
     /// # Errors
     /// The device cannot be opened, or its driver refuses a kernel.
-    pub fn new(adapter: &Adapter) -> Result<Self, EvaluatorError> {
+    pub fn new(adapter: &Adapter) -> Result<Self, DeviceError> {
         Self::with_sources(adapter, Kernel::source)
     }
 
@@ -72,49 +80,30 @@ impl GpuEvaluator {
     ///
     /// # Errors
     /// As for `new`.
-    pub fn with_sources(
-        adapter: &Adapter,
-        source: impl Fn(Kernel, Together) -> String,
-    ) -> Result<Self, EvaluatorError> {
-        let opened = adapter.open()?;
-        let device = &opened.device;
-        let buffers = Buffers::new(&opened);
-        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: None,
-            bind_group_layouts: &[Some(buffers.layout())],
-            immediate_size: 0,
-        });
+    pub fn with_sources(adapter: &Adapter, source: impl Fn(Kernel, Together) -> String) -> Result<Self, DeviceError> {
+        let device = adapter.open()?;
+        let mut buffers = Buffers::new(&device)?;
+        let bindings = Bindings::new(&device, &buffers.bound());
         let pipelines = Kernel::ALL.map(|kernel| {
-            let label = Some(kernel.name());
-            let source = wgpu::ShaderSource::Wgsl(source(kernel, opened.together).into());
-            let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label, source });
-            [0.0, 1.0].map(|is_thick| {
-                device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                    label,
-                    layout: Some(&layout),
-                    module: &module,
-                    entry_point: label,
-                    compilation_options: wgpu::PipelineCompilationOptions {
-                        constants: &[("is_thick", is_thick)],
-                        // Every lane writes its own place before others read it.
-                        zero_initialize_workgroup_memory: false,
-                    },
-                    cache: None,
-                })
-            })
+            let source = source(kernel, together(adapter));
+            Pipeline::with_constants(&device, &bindings, kernel.name(), source, "is_thick", [0.0, 1.0])
         });
-        opened.check()?;
-        Ok(Self { opened, pipelines, buffers, revision: None })
+        device.check()?;
+        let (read_poses, read_more) = (
+            Buffer::new(&device, "the poses to read", Usage::Readback),
+            Buffer::new(&device, "what else is read", Usage::Readback),
+        );
+        Ok(Self { device, pipelines, buffers, bindings, read_poses, read_more, revision: None })
     }
 
     /// What the driver calls the device.
     pub fn name(&self) -> &str {
-        &self.opened.name
+        &self.device.name
     }
 
     /// Ends the device, as a driver may at any time: every later call fails.
     pub fn destroy(&self) {
-        self.opened.device.destroy();
+        self.device.destroy();
     }
 
     /// The candidate lists of poses that all are of the first map, in one group: for each tile the slots, or `None` where
@@ -126,36 +115,35 @@ impl GpuEvaluator {
         &mut self,
         scene: &Scene<'_>,
         poses: &[LocalPose],
-    ) -> Result<Vec<Option<Vec<Slot>>>, EvaluatorError> {
+    ) -> Result<Vec<Option<Vec<Slot>>>, DeviceError> {
         self.upload_table(scene.table)?;
         let job = Job::look(scene.tiles.len(), scene.table.log_outlier());
         let groups = [ParticleGroup { map: 0, particles: (0..poses.len() as u32).collect() }];
         let dispatch = Dispatch::once(Kernel::Cull, false);
         self.submit(scene, &job, Particles::At(poses), &groups, &[dispatch])?;
-        let mut encoder = self.opened.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let Buffers { read_more, candidates, .. } = &mut self.buffers;
+        let mut submission = Submission::new(&self.device);
         let count = scene.tiles.len() * (LIST_ROOM + 1);
-        let copied = read_more.copy::<u32>(&self.opened, &mut encoder, candidates, count)?;
-        self.opened.queue.submit([encoder.finish()]);
-        let lists = copied.read(&self.opened)?;
+        let copied = submission.copy::<u32>(&self.buffers.candidates, &mut self.read_more, count)?;
+        submission.submit();
+        let lists = copied.read(&self.device)?;
         let list = |list: &[u32]| list[1..].get(..list[0] as usize).map(<[u32]>::to_vec);
         Ok(lists.chunks(LIST_ROOM + 1).map(list).collect())
     }
 
     /// Uploads what has changed in the table since the device saw it.
-    fn upload_table(&mut self, table: &ClusterTable) -> Result<(), EvaluatorError> {
-        let Self { opened, buffers, revision, .. } = self;
+    fn upload_table(&mut self, table: &ClusterTable) -> Result<(), DeviceError> {
+        let Self { device, buffers, revision, .. } = self;
         let clusters = &mut buffers.clusters;
-        let has_grown = clusters.hold(opened, size_of_val(table.rows()) as u64)?;
+        let has_grown = clusters.hold(device, size_of_val(table.rows()) as u64)?;
         let is_next = revision.is_some_and(|revision| table.revision().follows(revision));
         match table.changed() {
             _ if *revision == Some(table.revision()) && !has_grown => {}
             Changed::Slots(slots) if is_next && !has_grown => {
                 for (first, end) in runs(slots) {
-                    clusters.write(opened, first, &table.rows()[first..end]);
+                    clusters.write(device, first, &table.rows()[first..end]);
                 }
             }
-            _ => clusters.write(opened, 0, table.rows()),
+            _ => clusters.write(device, 0, table.rows()),
         }
         *revision = Some(table.revision());
         Ok(())
@@ -165,11 +153,10 @@ impl GpuEvaluator {
     fn groups_at_once(&self, scene: &Scene<'_>) -> usize {
         /// More is not worth the memory: so much keeps any device busy.
         const ENOUGH: u64 = 256 << 20;
-        let limits = &self.opened.limits;
-        let room = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size).min(ENOUGH) as usize;
+        let room = self.device.largest_storage().min(ENOUGH) as usize;
         let longest_map = scene.maps.iter().map(|slots| size_of_val(slots.as_slice())).max().unwrap_or(0);
         let a_group = list_bytes(scene.tiles.len()).max(GROUP * size_of::<ParticleMode>()).max(longest_map);
-        (room / a_group).clamp(1, limits.max_compute_workgroups_per_dimension as usize)
+        (room / a_group).clamp(1, self.device.most_workgroups())
     }
 
     /// Runs kernels over some groups in one submission. Leaves the pose of each particle with the log-likelihood there,
@@ -181,45 +168,43 @@ impl GpuEvaluator {
         particles: Particles<'_>,
         groups: &[ParticleGroup],
         dispatches: &[Dispatch],
-    ) -> Result<(Vec<[f32; 4]>, Vec<ParticleMode>), EvaluatorError> {
-        let Self { opened, pipelines, buffers, .. } = self;
+    ) -> Result<(Vec<[f32; 4]>, Vec<ParticleMode>), DeviceError> {
+        let Self { device, pipelines, buffers, bindings, read_poses, read_more, .. } = self;
         let count: usize = groups.iter().map(|group| group.particles.len()).sum();
         let (rows, slots) = group_rows(scene, particles, groups);
-        buffers.job.write(opened, 0, &[*job]);
-        buffers.tiles.fill(opened, scene.tiles)?;
-        buffers.slots.fill(opened, &slots)?;
-        buffers.groups.fill(opened, &rows)?;
-        buffers.modes.hold(opened, (count * size_of::<ParticleMode>()) as u64)?;
-        buffers.candidates.hold(opened, (groups.len() * list_bytes(scene.tiles.len())) as u64)?;
-        buffers.bounds.hold(opened, (groups.len() * size_of::<GroupBounds>()) as u64)?;
-        buffers.poses.hold(opened, (count * size_of::<[f32; 4]>()) as u64)?;
+        buffers.job.write(device, 0, &[*job]);
+        buffers.tiles.fill(device, scene.tiles)?;
+        buffers.slots.fill(device, &slots)?;
+        buffers.groups.fill(device, &rows)?;
+        buffers.modes.hold(device, (count * size_of::<ParticleMode>()) as u64)?;
+        buffers.candidates.hold(device, (groups.len() * list_bytes(scene.tiles.len())) as u64)?;
+        buffers.bounds.hold(device, (groups.len() * size_of::<GroupBounds>()) as u64)?;
+        buffers.poses.hold(device, (count * size_of::<[f32; 4]>()) as u64)?;
         if let Particles::At(poses) | Particles::Moving(poses, _) = particles {
             let of_groups = groups.iter().flat_map(|group| &group.particles).map(|&particle| poses[particle as usize]);
             let poses: Vec<[f32; 4]> = of_groups.map(|pose| [pose.x, pose.y, pose.heading, f32::NAN]).collect();
-            buffers.poses.write(opened, 0, &poses);
+            buffers.poses.write(device, 0, &poses);
         }
 
-        let mut encoder = opened.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let bindings = buffers.bindings(opened);
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        for dispatch in dispatches {
-            pass.set_pipeline(&pipelines[dispatch.kernel as usize][usize::from(dispatch.is_thick)]);
-            pass.set_bind_group(0, bindings, &[buffers::phase_offset(opened, dispatch.phase)]);
-            pass.dispatch_workgroups(groups.len() as u32, 1, 1);
-        }
-        drop(pass);
+        bindings.update(device, &mut buffers.bound());
+        let mut submission = Submission::new(device);
+        let kernels = dispatches.iter().map(|dispatch| {
+            let pipeline = &pipelines[dispatch.kernel as usize][usize::from(dispatch.is_thick)];
+            (pipeline, phase_offset(device, dispatch.phase))
+        });
+        submission.dispatch(bindings, groups.len(), kernels);
         let draws = dispatches.iter().any(|dispatch| dispatch.kernel == Kernel::Draw);
-        let poses = buffers.read_poses.copy(opened, &mut encoder, &buffers.poses, count)?;
-        let modes = buffers.read_more.copy(opened, &mut encoder, &buffers.modes, if draws { count } else { 0 })?;
-        opened.queue.submit([encoder.finish()]);
-        let left = (poses.read(opened)?, modes.read(opened)?);
-        opened.check()?;
-        Ok(left)
+        let poses = submission.copy(&buffers.poses, read_poses, count)?;
+        let modes = submission.copy(&buffers.modes, read_more, if draws { count } else { 0 })?;
+        submission.submit();
+        let read = (poses.read(device)?, modes.read(device)?);
+        device.check()?;
+        Ok(read)
     }
 }
 
 impl Evaluator for GpuEvaluator {
-    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError> {
+    fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, DeviceError> {
         self.upload_table(scene.table)?;
         let job = Job::propagation(how, SLACK, scene.tiles.len(), scene.table.log_outlier());
         let mut dispatches = vec![Dispatch::once(Kernel::Propagate, false)];
@@ -241,7 +226,7 @@ impl Evaluator for GpuEvaluator {
         Ok(proposals)
     }
 
-    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
+    fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError> {
         self.upload_table(scene.table)?;
         let job = Job::look(scene.tiles.len(), scene.table.log_outlier());
         let dispatches = [Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch::once(kernel, false));
@@ -256,12 +241,7 @@ impl Evaluator for GpuEvaluator {
         Ok(log_likelihoods)
     }
 
-    fn advance(
-        &mut self,
-        scene: &Scene<'_>,
-        how: &Advance,
-        poses: &[LocalPose],
-    ) -> Result<Vec<Weighed>, EvaluatorError> {
+    fn advance(&mut self, scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Result<Vec<Weighed>, DeviceError> {
         self.upload_table(scene.table)?;
         let job = Job::advance(how, scene.tiles.len(), scene.table.log_outlier());
         let [cull, weigh] = [Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch::once(kernel, true));
@@ -278,6 +258,15 @@ impl Evaluator for GpuEvaluator {
             );
         }
         Ok(all)
+    }
+}
+
+/// How lanes come by the clusters that they all look through: in software, each load is done for one lane after the other.
+fn together(adapter: &Adapter) -> Together {
+    if adapter.kind == AdapterKind::Software && adapter.can_broadcast() {
+        Together::Broadcasts
+    } else {
+        Together::Loads
     }
 }
 

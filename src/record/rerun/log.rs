@@ -1,6 +1,6 @@
 //! Entries of the log, steps and results as entities of a recording.
 
-use super::{Level, layout};
+use super::{Level, blueprint};
 use crate::geometry::{Pose, StampedPose};
 use crate::log::{LaserReading, LogEntry};
 use crate::pipeline::{RunInfo, Task};
@@ -30,7 +30,7 @@ const ARROW: f64 = 1.0;
 /// Entries of the log are sent together, and never later than this.
 const ENTRIES_EVERY: Duration = Duration::from_millis(300);
 
-/// [`layout::ABOUT`] as TOML.
+/// [`blueprint::ABOUT`] as TOML.
 #[derive(Serialize, Deserialize)]
 pub(super) struct About {
     /// What the run was for.
@@ -71,7 +71,7 @@ impl Recorder {
         level: Level,
         info: &RunInfo,
     ) -> RecordingStreamResult<Self> {
-        layout::log_styles(&stream, root)?;
+        blueprint::log_styles(&stream, root)?;
         let about = About {
             task: info.task,
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -81,11 +81,11 @@ impl Recorder {
         };
         // A configuration that was found valid can be written.
         let text = toml::to_string(&about).unwrap_or_default();
-        stream.log_static(layout::under(root, layout::ABOUT), &TextDocument::new(text))?;
-        let trail = |path, log_style| Trail::new(layout::under(root, path), log_style);
+        stream.log_static(blueprint::under(root, blueprint::ABOUT), &TextDocument::new(text))?;
+        let trail = |path, log_style| Trail::new(blueprint::under(root, path), log_style);
         Ok(Self {
-            trajectory: trail(layout::TRAIL, layout::log_trajectory_style),
-            odometry: trail(layout::ODOMETRY_TRAIL, layout::log_odometry_style),
+            trajectory: trail(blueprint::TRAIL, blueprint::log_trajectory_style),
+            odometry: trail(blueprint::ODOMETRY_TRAIL, blueprint::log_odometry_style),
             stream,
             root,
             task: info.task,
@@ -109,7 +109,7 @@ impl Recorder {
     }
 
     fn path(&self, path: &str) -> String {
-        layout::under(self.root, path)
+        blueprint::under(self.root, path)
     }
 
     pub(super) fn log_entry(&mut self, entry: &LogEntry) -> RecordingStreamResult<()> {
@@ -125,18 +125,18 @@ impl Recorder {
         let world_from_odom = *self.world_from_odom.get_or_insert(pose * report.odom_from_robot.inverse());
         let stream = &self.stream;
         let points = report.scan.points.iter().map(|&point| position(pose * point));
-        stream.log(self.path(layout::SCAN_POINTS), &Points2D::new(points))?;
-        stream.log(self.path(layout::PARTICLES), &self.particles(report.particles))?;
+        stream.log(self.path(blueprint::SCAN_POINTS), &Points2D::new(points))?;
+        stream.log(self.path(blueprint::PARTICLES), &self.particles(report.particles))?;
         let robot = match report.confidence {
-            Some(confidence) => arrow(pose).with_colors([layout::confidence_colour(confidence.is_located)]),
+            Some(confidence) => arrow(pose).with_colors([blueprint::confidence_colour(confidence.is_located)]),
             None => arrow(pose),
         };
-        stream.log(self.path(layout::ROBOT), &robot)?;
+        stream.log(self.path(blueprint::ROBOT), &robot)?;
         if let Some(Confidence { weight, explained, .. }) = report.confidence {
-            stream.log(self.path(layout::CONFIDENCE), &Scalars::new([weight, explained]))?;
+            stream.log(self.path(blueprint::CONFIDENCE), &Scalars::new([weight, explained]))?;
             // On a scale of tens: they fall from a million to a few hundred.
             let number = (report.particles.len().max(1) as f64).log10();
-            stream.log(self.path(layout::PARTICLE_COUNT), &Scalars::new([number]))?;
+            stream.log(self.path(blueprint::PARTICLE_COUNT), &Scalars::new([number]))?;
         }
         if report.confidence.is_none_or(|confidence| confidence.is_located) {
             self.trajectory.push(stream, pose)?;
@@ -147,38 +147,38 @@ impl Recorder {
         }
         if self.map != report.map {
             self.map = report.map.to_vec();
-            stream.log(self.path(layout::MAP_CLUSTERS), &ends(&self.map))?;
+            stream.log(self.path(blueprint::MAP_CLUSTERS), &ends(&self.map))?;
         }
-        stream.log(self.path(layout::POSE), &Scalars::new([pose.x, pose.y, pose.heading]))?;
-        stream.log(self.path(layout::CHECKSUM), &Scalars::new([f64::from(report.checksum())]))?;
+        stream.log(self.path(blueprint::POSE), &Scalars::new([pose.x, pose.y, pose.heading]))?;
+        stream.log(self.path(blueprint::CHECKSUM), &Scalars::new([f64::from(report.checksum())]))?;
         if self.level == Level::Full {
             self.log_in_full(report)?;
         }
 
         let size = Scalars::new([report.effective_sample_size]);
-        stream.log(self.path(layout::EFFECTIVE_SAMPLE_SIZE), &size)?;
+        stream.log(self.path(blueprint::EFFECTIVE_SAMPLE_SIZE), &size)?;
         if report.resampled {
-            stream.log(self.path(layout::RESAMPLED), &size)?;
+            stream.log(self.path(blueprint::RESAMPLED), &size)?;
         }
-        stream.log(self.path(layout::CLUSTERS), &Scalars::new([report.map.len() as f64]))?;
-        stream.log(self.path(layout::SECONDS), &Scalars::new(report.times.seconds()))
+        stream.log(self.path(blueprint::CLUSTERS), &Scalars::new([report.map.len() as f64]))?;
+        stream.log(self.path(blueprint::SECONDS), &Scalars::new(report.times.seconds()))
     }
 
     fn log_in_full(&self, report: &StepReport<'_>) -> RecordingStreamResult<()> {
         let stream = &self.stream;
         let pose = report.world_from_robot;
         let scan_clusters: Vec<_> = report.scan_clusters.iter().map(|cluster| cluster.transformed(pose)).collect();
-        stream.log(self.path(layout::SCAN_CLUSTERS), &ends(&scan_clusters))?;
+        stream.log(self.path(blueprint::SCAN_CLUSTERS), &ends(&scan_clusters))?;
         if report.step.is_multiple_of(ELLIPSES_EVERY) {
-            stream.log(self.path(layout::MAP_ELLIPSES), &ellipses(&self.map))?;
+            stream.log(self.path(blueprint::MAP_ELLIPSES), &ellipses(&self.map))?;
         }
         let particles = report
             .particles
             .iter()
             .flat_map(|ReportedParticle { world_from_robot: pose, weight }| [pose.x, pose.y, pose.heading, *weight]);
-        stream.log(self.path(layout::ALL_PARTICLES), &Scalars::new(particles))?;
+        stream.log(self.path(blueprint::ALL_PARTICLES), &Scalars::new(particles))?;
         let parents = report.parents.iter().map(|&parent| f64::from(parent));
-        stream.log(self.path(layout::PARENTS), &Scalars::new(parents))
+        stream.log(self.path(blueprint::PARENTS), &Scalars::new(parents))
     }
 
     /// Logs the result as one more step, which shows nothing else.
@@ -191,15 +191,15 @@ impl Recorder {
             self.set_time(self.step + 1, last.stamp);
         }
         let stream = &self.stream;
-        stream.log(self.path(layout::STEP), &Clear::recursive())?;
-        stream.log(self.path(layout::MAP_CLUSTERS), &ends(&result.map.clusters))?;
-        stream.log(self.path(layout::MAP_ELLIPSES), &ellipses(&result.map.clusters))?;
+        stream.log(self.path(blueprint::STEP), &Clear::recursive())?;
+        stream.log(self.path(blueprint::MAP_CLUSTERS), &ends(&result.map.clusters))?;
+        stream.log(self.path(blueprint::MAP_ELLIPSES), &ellipses(&result.map.clusters))?;
         let path = trajectory.iter().map(|stamped| position(stamped.pose.position()));
-        stream.log(self.path(layout::TRAJECTORY), &LineStrips2D::new([path.collect::<Vec<_>>()]))?;
+        stream.log(self.path(blueprint::TRAJECTORY), &LineStrips2D::new([path.collect::<Vec<_>>()]))?;
         let path = odometry.iter().map(|stamped| position((world_from_odom * stamped.pose).position()));
-        stream.log(self.path(layout::ODOMETRY), &LineStrips2D::new([path.collect::<Vec<_>>()]))?;
+        stream.log(self.path(blueprint::ODOMETRY), &LineStrips2D::new([path.collect::<Vec<_>>()]))?;
         let result = [f64::from(result.checksum()), f64::from(u8::from(is_smoothed))];
-        stream.log(self.path(layout::RESULT), &Scalars::new(result))
+        stream.log(self.path(blueprint::RESULT), &Scalars::new(result))
     }
 
     /// Moves both timelines; what is logged next belongs there.
@@ -208,8 +208,8 @@ impl Recorder {
         let first = *self.first_stamp.get_or_insert(stamp);
         // A stamp that is no number moves nothing.
         self.time = self.time.max(stamp - first);
-        self.stream.set_time_sequence(layout::STEP_TIMELINE, step);
-        self.stream.set_duration_secs(layout::TIME_TIMELINE, self.time);
+        self.stream.set_time_sequence(blueprint::STEP_TIMELINE, step);
+        self.stream.set_duration_secs(blueprint::TIME_TIMELINE, self.time);
     }
 
     /// The likeliest are logged last, so that they lie above.
@@ -219,9 +219,9 @@ impl Recorder {
         let mut sample: Vec<_> = (0..shown).map(|i| all[i * all.len() / shown]).collect();
         sample.sort_by(|a, b| a.weight.total_cmp(&b.weight));
         let largest = all.iter().map(|particle| particle.weight).fold(0.0, f64::max);
-        let colour = |particle: &ReportedParticle| layout::particle_colour(particle.weight / largest);
+        let colour = |particle: &ReportedParticle| blueprint::particle_colour(particle.weight / largest);
         Points2D::new(sample.iter().map(|particle| position(particle.world_from_robot.position())))
-            .with_colors(sample.iter().map(|particle| layout::colour(colour(particle))))
+            .with_colors(sample.iter().map(|particle| blueprint::colour(colour(particle))))
     }
 }
 
@@ -276,9 +276,9 @@ impl Entries {
 
     fn send(&mut self, stream: &RecordingStream, root: &str) -> RecordingStreamResult<()> {
         self.sent = Instant::now();
-        self.laser.send(stream, &layout::under(root, layout::LASER))?;
-        self.odometry.send(stream, &layout::under(root, layout::ODOMETRY_READING))?;
-        self.truth.send(stream, &layout::under(root, layout::TRUTH))
+        self.laser.send(stream, &blueprint::under(root, blueprint::LASER))?;
+        self.odometry.send(stream, &blueprint::under(root, blueprint::ODOMETRY_READING))?;
+        self.truth.send(stream, &blueprint::under(root, blueprint::TRUTH))
     }
 }
 
@@ -296,7 +296,7 @@ impl Rows {
             return Ok(());
         }
         let columns = Scalars::new(numbers).columns(lengths)?;
-        stream.send_columns(path, [TimeColumn::new_sequence(layout::ENTRY_TIMELINE, entries)], columns)
+        stream.send_columns(path, [TimeColumn::new_sequence(blueprint::ENTRY_TIMELINE, entries)], columns)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Records a run for the Rerun viewer: to a file (`.rrd`), or live to a viewer that is running.
 //!
 //! In: what the run starts with, entries of the log and steps in their order, then the result. Out: what
-//! [`layout`] names, on two timelines: `step`, and `time`, the seconds since the first step's stamp. Stamps may go
+//! [`blueprint`] names, on two timelines: `step`, and `time`, the seconds since the first step's stamp. Stamps may go
 //! backwards in a log; `time` then stands still until they have caught up. The entries of the log have a timeline of their
 //! own. With them and the configuration the run can be repeated: [`read`] does the reading.
 //!
@@ -18,7 +18,7 @@ use read::RecordedRun;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-pub mod layout;
+pub mod blueprint;
 mod log;
 pub mod read;
 
@@ -93,7 +93,7 @@ impl RerunObserver {
     /// The file cannot be made or written to.
     pub fn to_file(path: &Path, info: &RunInfo, level: Level) -> Result<Self, RecordError> {
         let (stream, failed) = file(path, &info.log)?;
-        layout::blueprint(info.task).send(&stream, BlueprintActivation::default())?;
+        blueprint::views(info.task).send(&stream, BlueprintActivation::default())?;
         Self::start(stream, "", level, info, FULL_DISK, failed)
     }
 
@@ -103,11 +103,11 @@ impl RerunObserver {
     /// As for [`RerunObserver::to_file`].
     pub fn beside(recorded: &RecordedRun, path: &Path, info: &RunInfo, level: Level) -> Result<Self, RecordError> {
         let (stream, failed) = file(path, &format!("{}, replayed", info.log))?;
-        layout::comparison_blueprint().send(&stream, BlueprintActivation::default())?;
+        blueprint::comparison_blueprint().send(&stream, BlueprintActivation::default())?;
         // How two runs share a plot is not how one has it alone.
-        layout::log_styles(&stream, layout::RECORDED)?;
-        recorded.send(&stream, layout::RECORDED);
-        Self::start(stream, layout::REPLAYED, level, info, FULL_DISK, failed)
+        blueprint::log_styles(&stream, blueprint::RECORDED)?;
+        recorded.send(&stream, blueprint::RECORDED);
+        Self::start(stream, blueprint::REPLAYED, level, info, FULL_DISK, failed)
     }
 
     /// Streams to a viewer that is running, on this computer where no address is given.
@@ -120,7 +120,7 @@ impl RerunObserver {
             .connect_grpc_opts(url)
             .map_err(|error| RecordError::Address { url: url.to_owned(), reason: error.to_string() })?;
         stream.set_log_time_enabled(false);
-        layout::blueprint(info.task).send(&stream, BlueprintActivation::default())?;
+        blueprint::views(info.task).send(&stream, BlueprintActivation::default())?;
         let failed = |reason| RecordError::NoViewer { url: url.to_owned(), reason };
         Self::start(stream, "", level, info, "was the viewer closed?", failed)
     }

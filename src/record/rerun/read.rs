@@ -3,7 +3,7 @@
 //! The log in a recording is a [`LogSource`] like any other. A recording that breaks off, because the run or the machine
 //! was stopped, is read as far as it goes.
 
-use super::layout;
+use super::blueprint;
 use super::log::About;
 use crate::config::ConfigError;
 use crate::geometry::Pose;
@@ -130,7 +130,7 @@ impl RecordedRun {
         }
 
         let columns = Columns(&store);
-        let about = columns.text(layout::ABOUT).ok_or_else(|| not("it does not tell how the run was made"))?;
+        let about = columns.text(blueprint::ABOUT).ok_or_else(|| not("it does not tell how the run was made"))?;
         let About { task, version, log, device, configuration: config } =
             toml::from_str(&about).map_err(|error| not(&format!("its configuration is not understood: {error}")))?;
         let unusable = |source| ReadError::Configuration {
@@ -160,7 +160,7 @@ impl RecordedRun {
             Some(corners.map(|corner| Point2::new(f64::from(corner.x()), f64::from(corner.y()))).collect())
         };
         let chunks = Columns(&self.store);
-        let mut chunks = chunks.chunks(layout::TRAJECTORY).filter(|chunk| !chunk.is_static());
+        let mut chunks = chunks.chunks(blueprint::TRAJECTORY).filter(|chunk| !chunk.is_static());
         chunks.find_map(of_chunk).unwrap_or_default()
     }
 
@@ -171,7 +171,7 @@ impl RecordedRun {
             !chunk.is_static() && ["/world", "/plots"].iter().any(|shown| path.starts_with(shown))
         };
         for chunk in self.store.iter_physical_chunks().filter(shown) {
-            let path = layout::under(root, chunk.entity_path().to_string().trim_start_matches('/'));
+            let path = blueprint::under(root, chunk.entity_path().to_string().trim_start_matches('/'));
             stream.send_chunk(chunk.clone_with_new_entity_path(path.into()));
         }
     }
@@ -254,7 +254,7 @@ impl Columns<'_> {
     /// The log. `None` where a row has another length than it can have.
     fn entries(&self) -> Option<Vec<LogEntry>> {
         let mut entries: BTreeMap<i64, LogEntry> = BTreeMap::new();
-        for (entry, row) in self.rows(layout::LASER, layout::ENTRY_TIMELINE) {
+        for (entry, row) in self.rows(blueprint::LASER, blueprint::ENTRY_TIMELINE) {
             let (&[x, y, heading, stamp, ahead, left, turned, first_angle, angle_step, max_range], ranges) =
                 row.split_first_chunk::<10>()?;
             let reading = LaserReading {
@@ -268,11 +268,11 @@ impl Columns<'_> {
             };
             entries.insert(entry, LogEntry::Laser(reading));
         }
-        for (entry, row) in self.rows(layout::ODOMETRY_READING, layout::ENTRY_TIMELINE) {
+        for (entry, row) in self.rows(blueprint::ODOMETRY_READING, blueprint::ENTRY_TIMELINE) {
             let [x, y, heading, stamp] = row.try_into().ok()?;
             entries.insert(entry, LogEntry::Odometry { stamp, odom_from_robot: exactly(x, y, heading) });
         }
-        for (entry, row) in self.rows(layout::TRUTH, layout::ENTRY_TIMELINE) {
+        for (entry, row) in self.rows(blueprint::TRUTH, blueprint::ENTRY_TIMELINE) {
             let [x, y, heading, stamp] = row.try_into().ok()?;
             entries.insert(entry, LogEntry::Truth { stamp, world_from_robot: exactly(x, y, heading) });
         }
@@ -282,9 +282,9 @@ impl Columns<'_> {
     }
 
     fn steps(&self) -> Vec<RecordedStep> {
-        let rows = |path| self.rows(path, layout::STEP_TIMELINE);
+        let rows = |path| self.rows(path, blueprint::STEP_TIMELINE);
         let [checksums, sizes, clusters, seconds] =
-            [layout::CHECKSUM, layout::EFFECTIVE_SAMPLE_SIZE, layout::CLUSTERS, layout::SECONDS].map(rows);
+            [blueprint::CHECKSUM, blueprint::EFFECTIVE_SAMPLE_SIZE, blueprint::CLUSTERS, blueprint::SECONDS].map(rows);
         let step = |(step, pose): (i64, Vec<f64>)| {
             let [x, y, heading] = pose.try_into().ok()?;
             let seconds = seconds.get(&step)?.as_slice().try_into().ok()?;
@@ -298,11 +298,11 @@ impl Columns<'_> {
             })
         };
         // The last step may have been written in part.
-        rows(layout::POSE).into_iter().map_while(step).collect()
+        rows(blueprint::POSE).into_iter().map_while(step).collect()
     }
 
     fn result(&self) -> Option<RecordedResult> {
-        let (_, row) = self.rows(layout::RESULT, layout::STEP_TIMELINE).pop_last()?;
+        let (_, row) = self.rows(blueprint::RESULT, blueprint::STEP_TIMELINE).pop_last()?;
         let [checksum, is_smoothed] = row.try_into().ok()?;
         Some(RecordedResult { checksum: checksum as u32, is_smoothed: is_smoothed == 1.0 })
     }

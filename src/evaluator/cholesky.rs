@@ -1,4 +1,5 @@
-//! Symmetric matrices of three rows, as the kernels have them: xx, xy, xh, yy, yh, hh.
+//! Symmetric matrices of three rows as the kernels have them, xx, xy, xh, yy, yh, hh, and their Cholesky factors; twin of
+//! `shaders/shared/cholesky.wgsl`.
 
 use nalgebra::Matrix3;
 
@@ -27,6 +28,11 @@ impl Cholesky {
         Some(Self([l00, l10, l11, l20, l21, l22]))
     }
 
+    /// Of a covariance: L z of standard normal z has it. All zero where the matrix is not positive definite.
+    pub fn of_covariance(covariance: &Matrix3<f64>) -> Self {
+        Self::new(packed(covariance)).unwrap_or(Self([0.0; 6]))
+    }
+
     /// L z.
     pub fn times(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         let [l00, l10, l11, l20, l21, l22] = self.0;
@@ -48,11 +54,6 @@ impl Cholesky {
         let y = (y - l10 * x) / l11;
         self.solve_transposed([x, y, (z - l20 * x - l21 * y) / l22])
     }
-}
-
-/// What turns standard normal numbers into noise of this covariance; no noise where it is not positive definite.
-pub fn noise_of(covariance: &Matrix3<f64>) -> Cholesky {
-    Cholesky::new(packed(covariance)).unwrap_or(Cholesky([0.0; 6]))
 }
 
 fn positive_root(square: f32) -> Option<f32> {

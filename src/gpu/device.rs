@@ -1,7 +1,6 @@
 //! Which devices there are, and one of them opened.
 
-use super::shaders::Together;
-use crate::evaluator::EvaluatorError;
+use super::DeviceError;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// A device that kernels may run on.
@@ -46,17 +45,17 @@ pub fn adapters() -> Vec<Adapter> {
 ///
 /// # Errors
 /// There is none, or none of that name; the message tells what there is, or what to install.
-pub fn find(name: Option<&str>) -> Result<Adapter, EvaluatorError> {
+pub fn find(name: Option<&str>) -> Result<Adapter, DeviceError> {
     let adapters = adapters();
     if adapters.is_empty() {
         let reason = "no driver was found; install the Vulkan driver of the graphics card, or for one in software \
                       mesa-vulkan-drivers (Debian, Ubuntu)";
-        return Err(EvaluatorError::NoDevice { reason: reason.to_owned() });
+        return Err(DeviceError::NoDevice { reason: reason.to_owned() });
     }
     let names: Vec<String> = adapters.iter().map(|adapter| adapter.name.clone()).collect();
     let is_meant =
         |adapter: &Adapter| name.is_none_or(|name| adapter.name.to_lowercase().contains(&name.to_lowercase()));
-    adapters.into_iter().find(is_meant).ok_or_else(|| EvaluatorError::NoDevice {
+    adapters.into_iter().find(is_meant).ok_or_else(|| DeviceError::NoDevice {
         reason: format!("none is called {}; there are: {}", name.unwrap_or_default(), names.join(", ")),
     })
 }
@@ -85,16 +84,12 @@ impl Adapter {
         self.adapter.features().contains(wgpu::Features::SUBGROUP) && self.adapter.get_info().subgroup_min_size >= 8
     }
 
-    /// How lanes come by the clusters that they all look through: in software, each load is done for one lane after the
-    /// other.
-    fn together(&self) -> Together {
-        if self.kind == AdapterKind::Software && self.can_broadcast() { Together::Broadcasts } else { Together::Loads }
-    }
-
     /// Opens it.
-    pub(super) fn open(&self) -> Result<Opened, EvaluatorError> {
+    ///
+    /// # Errors
+    /// Its driver refuses.
+    pub fn open(&self) -> Result<Device, DeviceError> {
         let failure = Failure::default();
-        let together = self.together();
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("ipslam"),
             required_features: self.adapter.features() & wgpu::Features::SUBGROUP,
@@ -103,37 +98,60 @@ impl Adapter {
             ..wgpu::DeviceDescriptor::default()
         };
         let (device, queue) = pollster::block_on(self.adapter.request_device(&descriptor))
-            .map_err(|error| EvaluatorError::DeviceFailed { device: self.name.clone(), reason: error.to_string() })?;
+            .map_err(|error| DeviceError::DeviceFailed { device: self.name.clone(), reason: error.to_string() })?;
         let noted = failure.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| noted.note(error.to_string())));
         let noted = failure.clone();
         device.set_device_lost_callback(move |_, message| noted.note(format!("it was lost: {message}")));
-        Ok(Opened { name: self.name.clone(), limits: device.limits(), together, device, queue, failure })
+        Ok(Device { name: self.name.clone(), limits: device.limits(), device, queue, failure })
     }
 }
 
 /// A device at work.
 #[derive(Debug)]
-pub(super) struct Opened {
+pub struct Device {
+    /// What its driver calls it.
     pub name: String,
-    pub limits: wgpu::Limits,
-    pub together: Together,
-    pub device: wgpu::Device,
-    pub queue: wgpu::Queue,
+    pub(super) limits: wgpu::Limits,
+    pub(super) device: wgpu::Device,
+    pub(super) queue: wgpu::Queue,
     failure: Failure,
 }
 
-impl Opened {
-    /// The first thing that went wrong, if anything did.
-    pub fn check(&self) -> Result<(), EvaluatorError> {
+impl Device {
+    /// Whether all went well until now.
+    ///
+    /// # Errors
+    /// The first thing that went wrong.
+    pub fn check(&self) -> Result<(), DeviceError> {
         match self.failure.first() {
             None => Ok(()),
             Some(reason) => Err(self.failed(reason)),
         }
     }
 
-    pub fn failed(&self, reason: impl ToString) -> EvaluatorError {
-        EvaluatorError::DeviceFailed { device: self.name.clone(), reason: reason.to_string() }
+    /// Ends it, as a driver may at any time: whatever follows fails.
+    pub fn destroy(&self) {
+        self.device.destroy();
+    }
+
+    /// Bytes that one storage buffer can hold.
+    pub fn largest_storage(&self) -> u64 {
+        self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
+    }
+
+    /// Workgroups that one dispatch can have.
+    pub fn most_workgroups(&self) -> usize {
+        self.limits.max_compute_workgroups_per_dimension as usize
+    }
+
+    /// Offsets of uniforms are multiples of this \[bytes\].
+    pub fn uniform_stride(&self) -> u32 {
+        self.limits.min_uniform_buffer_offset_alignment
+    }
+
+    pub(super) fn failed(&self, reason: impl ToString) -> DeviceError {
+        DeviceError::DeviceFailed { device: self.name.clone(), reason: reason.to_string() }
     }
 }
 

@@ -171,7 +171,7 @@ pub(super) fn log_odometry_style(stream: &RecordingStream, path: &str) -> Record
 }
 
 /// The map, large, and three plots beside it.
-pub(super) fn blueprint(task: Task) -> Blueprint {
+pub(super) fn views(task: Task) -> Blueprint {
     let (legend, first, second) = match task {
         Task::Mapping => (
             LEGEND,

@@ -2,9 +2,11 @@
 //!
 //! A cluster can win a point only inside an ellipse around it; outside, an outlier is likelier. The points of a tile,
 //! seen from all poses of a group, lie in a circle. Clusters whose ellipse does not reach the circle are left out, and
-//! no maximum changes. The kernel `cull` does the same on a device.
+//! no maximum changes. Twin of `shaders/cull.wgsl`.
 
-use super::layout::{ClusterParams, LocalPose, Tile};
+use crate::evaluator::pose::LocalPose;
+use crate::evaluator::tiles::Tile;
+use crate::likelihood::ClusterParams;
 use crate::math::{sin_cos, wrap};
 use pulp::{Arch, Simd, WithSimd};
 

@@ -1,16 +1,19 @@
 //! Work of any size to measure evaluators by, and what the processor could do at best.
 
-use super::cpu::{View, advance_all, weigh_all};
-use super::cull::{Candidates, LocalMap};
-use super::grouping::by_place;
-use super::layout::{LikelihoodConfig, LocalPose, TILE, Tile, reach, tiles};
-use super::symmetric::Cholesky;
-use super::table::ClusterTable;
-use super::{Advance, Evaluator, EvaluatorError, Scene, Weighed};
-use crate::geometry::Pose;
-use crate::map::{MapCluster, Pool, Slot};
-use crate::ppca::Cluster;
-use crate::random::{Draw, normals};
+use ipslam::evaluator::cholesky::Cholesky;
+use ipslam::evaluator::cpu::cull::{Candidates, LocalMap};
+use ipslam::evaluator::cpu::{View, advance_all, weigh_all};
+use ipslam::evaluator::grouping::by_place;
+use ipslam::evaluator::pose::LocalPose;
+use ipslam::evaluator::table::ClusterTable;
+use ipslam::evaluator::tiles::{TILE, Tile, reach, tiles};
+use ipslam::evaluator::{Advance, Evaluator, Scene, Weighed};
+use ipslam::geometry::Pose;
+use ipslam::gpu::DeviceError;
+use ipslam::likelihood::LikelihoodConfig;
+use ipslam::map::{MapCluster, Pool, Slot};
+use ipslam::ppca::Cluster;
+use ipslam::random::{Draw, normals};
 use nalgebra::{Point2, Vector2};
 use pulp::{Arch, Simd, WithSimd};
 use std::hint::black_box;
@@ -83,7 +86,7 @@ impl Workload {
     ///
     /// # Errors
     /// The evaluator failed.
-    pub fn weigh(&self, evaluator: &mut dyn Evaluator, least: Duration) -> Result<f64, EvaluatorError> {
+    pub fn weigh(&self, evaluator: &mut dyn Evaluator, least: Duration) -> Result<f64, DeviceError> {
         evaluator.weigh(&self.scene(), &self.poses)?;
         best_of(least, || evaluator.weigh(&self.scene(), &self.poses).map(|weighed| drop(black_box(weighed))))
     }
@@ -106,12 +109,13 @@ impl Workload {
         self.maps[0].len()
     }
 
+    #[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "without devices there is nothing to compare"))]
     /// How far the weights of an evaluator are from those of the CPU at most, of poses that stay and of poses that move,
     /// in nats a point.
     ///
     /// # Errors
     /// The evaluator failed.
-    pub fn difference(&self, evaluator: &mut dyn Evaluator) -> Result<f64, EvaluatorError> {
+    pub fn difference(&self, evaluator: &mut dyn Evaluator) -> Result<f64, DeviceError> {
         let how = Advance {
             seed: 1,
             step: 0,
@@ -220,19 +224,19 @@ pub fn instructions() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluator::cpu::CpuEvaluator;
-    use crate::evaluator::{Propagation, Proposal};
+    use ipslam::evaluator::cpu::CpuEvaluator;
+    use ipslam::evaluator::{Propagation, Proposal};
 
     /// The CPU, but for the first weight of poses that stay, and of poses that move.
     #[derive(Debug)]
     struct Wrong([f32; 2]);
 
     impl Evaluator for Wrong {
-        fn propagate(&mut self, _: &Scene<'_>, _: &Propagation<'_>) -> Result<Vec<Proposal>, EvaluatorError> {
+        fn propagate(&mut self, _: &Scene<'_>, _: &Propagation<'_>) -> Result<Vec<Proposal>, DeviceError> {
             Ok(Vec::new())
         }
 
-        fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, EvaluatorError> {
+        fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError> {
             let mut weighed = CpuEvaluator.weigh(scene, poses)?;
             weighed[0] += self.0[0];
             Ok(weighed)
@@ -243,7 +247,7 @@ mod tests {
             scene: &Scene<'_>,
             how: &Advance,
             poses: &[LocalPose],
-        ) -> Result<Vec<Weighed>, EvaluatorError> {
+        ) -> Result<Vec<Weighed>, DeviceError> {
             let mut weighed = CpuEvaluator.advance(scene, how, poses)?;
             weighed[0].log_likelihood += self.0[1];
             Ok(weighed)
@@ -267,7 +271,7 @@ mod tests {
         let pairs = workload.candidate_pairs(16);
         assert!(pairs > 0.0 && pairs < 0.5 * workload.pairs(), "{pairs} of {}", workload.pairs());
         // The robot sees walls around it, and is close to where it sees them best.
-        let weighed = crate::evaluator::cpu::weigh_all(&workload.scene(), &[LocalPose::default()]);
+        let weighed = weigh_all(&workload.scene(), &[LocalPose::default()]);
         assert!(weighed[0] > 0.0, "{weighed:?}");
     }
 }

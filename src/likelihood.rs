@@ -1,7 +1,7 @@
-//! Plain data of the evaluator, in f32 and in a frame near the robot.
+//! How likely a measurement is, given a map (eq. 18): its configuration, and a cluster as it is evaluated, in f32 and in a
+//! frame near the robot.
 
-use crate::geometry::Pose;
-use crate::math::{ln, sin_cos};
+use crate::math::ln;
 use crate::ppca::Cluster;
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Point2, Vector2};
@@ -116,104 +116,4 @@ impl ClusterParams {
         let beyond = (along.abs() - self.half_length).max(0.0);
         self.log_peak - beyond * beyond - across * across
     }
-}
-
-/// A pose in the evaluator's frame: that of the world, moved to an origin near the robot.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct LocalPose {
-    /// Metres.
-    pub x: f32,
-    /// Metres.
-    pub y: f32,
-    /// Radians.
-    pub heading: f32,
-}
-
-impl LocalPose {
-    /// Into the evaluator's frame.
-    pub fn new(world_from_robot: Pose, origin: Point2<f64>) -> Self {
-        Self {
-            x: (world_from_robot.x - origin.x) as f32,
-            y: (world_from_robot.y - origin.y) as f32,
-            heading: world_from_robot.heading as f32,
-        }
-    }
-
-    /// Back into the world.
-    pub fn in_world(self, origin: Point2<f64>) -> Pose {
-        Pose::new(f64::from(self.x) + origin.x, f64::from(self.y) + origin.y, f64::from(self.heading))
-    }
-
-    /// The pose after a motion (forward, sideways, turn) of the robot. The heading is not wrapped.
-    pub fn moved(self, motion: [f32; 3]) -> Self {
-        let (sin, cos) = sin_cos(self.heading);
-        let [forward, sideways, turn] = motion;
-        Self {
-            x: self.x + cos * forward - sin * sideways,
-            y: self.y + sin * forward + cos * sideways,
-            heading: self.heading + turn,
-        }
-    }
-}
-
-/// Points a tile: what one look for candidate clusters serves.
-pub const TILE: usize = 16;
-
-/// Consecutive points of a scan, with the circle around them.
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct Tile {
-    /// Points in the robot's frame \[m\]; the last tile repeats its last point.
-    pub x: [f32; TILE],
-    /// As `x`.
-    pub y: [f32; TILE],
-    /// Centre of a circle around them \[m\].
-    pub centre: [f32; 2],
-    /// Its radius \[m\].
-    pub radius: f32,
-    /// How many of them count.
-    pub count: u32,
-}
-
-impl Tile {
-    /// The points that count, in the robot's frame \[m\].
-    pub fn points(&self) -> impl Iterator<Item = Point2<f64>> + '_ {
-        let point = |(&x, &y): (&f32, &f32)| Point2::new(f64::from(x), f64::from(y));
-        self.x.iter().zip(&self.y).take(self.count as usize).map(point)
-    }
-
-    /// No point of it is further from the robot \[m\].
-    pub fn reach(&self) -> f32 {
-        self.centre[0].hypot(self.centre[1]) + self.radius
-    }
-}
-
-/// No point is further from the robot \[m\].
-pub fn reach(tiles: &[Tile]) -> f32 {
-    tiles.iter().map(Tile::reach).fold(0.0, f32::max)
-}
-
-/// Every so-manieth point, so that there are at most `max_points`, in tiles.
-pub fn tiles(points: &[Point2<f64>], max_points: usize) -> Vec<Tile> {
-    let stride = points.len().div_ceil(max_points.max(1)).max(1);
-    let used: Vec<Point2<f64>> = points.iter().copied().step_by(stride).collect();
-    used.chunks(TILE)
-        .map(|chunk| {
-            let last = chunk[chunk.len() - 1];
-            let at = |lane: usize| chunk.get(lane).copied().unwrap_or(last);
-            let low = chunk.iter().fold(last.coords, |low, p| low.inf(&p.coords));
-            let high = chunk.iter().fold(last.coords, |high, p| high.sup(&p.coords));
-            let centre: Vector2<f64> = 0.5 * (low + high);
-            let radius = chunk.iter().map(|p| (p.coords - centre).norm()).fold(0.0, f64::max);
-            Tile {
-                x: std::array::from_fn(|lane| at(lane).x as f32),
-                y: std::array::from_fn(|lane| at(lane).y as f32),
-                centre: [centre.x as f32, centre.y as f32],
-                // Room for the rounding to f32.
-                radius: (radius * (1.0 + 1e-6) + 1e-4) as f32,
-                count: chunk.len() as u32,
-            }
-        })
-        .collect()
 }
