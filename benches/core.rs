@@ -6,14 +6,14 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use ipslam::clustering::{ClusteringConfig, cluster_points};
-use ipslam::config::Config;
+use ipslam::config::SlamConfig;
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::MapCluster;
 use ipslam::map::merging::merge_scan;
 use ipslam::ppca::Cluster;
 use ipslam::report::{Estimator as _, Event};
-use ipslam::scan::Scan;
+use ipslam::scan::{Scan, ScanConfig};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 use nalgebra::Point2;
@@ -33,7 +33,7 @@ const CLUSTERS: usize = 200;
 /// The scan with the most returns.
 fn scan() -> Scan {
     let scans = Simulation::building(SEED).open().unwrap().take(600).filter_map(|entry| match entry.unwrap() {
-        LogEntry::Laser(reading) => Some(Scan::from_reading(&reading, 0.1, 30.0)),
+        LogEntry::Laser(reading) => Some(Scan::from_reading(&reading, &ScanConfig::default())),
         _ => None,
     });
     scans.max_by_key(|scan| scan.points.len()).unwrap()
@@ -62,7 +62,7 @@ fn clustering(criterion: &mut Criterion) {
 }
 
 fn merging(criterion: &mut Criterion) {
-    let Config { clustering, matching, merging, .. } = Config::default();
+    let SlamConfig { clustering, matching, merging, ablation, .. } = SlamConfig::default();
     let scan_clusters = cluster_points(&scan().points, &clustering).clusters;
     // The scan's own clusters are among those of the map, so that there is something to match.
     let map = scan_clusters.iter().copied().chain(walls(300)).take(300);
@@ -70,7 +70,7 @@ fn merging(criterion: &mut Criterion) {
     assert_eq!(near.len(), 300);
     println!("match and merge: {} scan clusters, {} map clusters", scan_clusters.len(), near.len());
     criterion.bench_function("match and merge a scan", |b| {
-        b.iter(|| merge_scan(black_box(&near), &scan_clusters, 1, &matching, &merging));
+        b.iter(|| merge_scan(black_box(&near), &scan_clusters, 1, &matching, &merging, &ablation));
     });
 }
 
@@ -78,7 +78,7 @@ fn merging(criterion: &mut Criterion) {
 fn stepping(criterion: &mut Criterion) {
     let entries: Vec<LogEntry> = Simulation::building(SEED).open().unwrap().take(600).map(Result::unwrap).collect();
     for (maps, particles) in [(8, 8), (128, 128), (256, 256 * 40)] {
-        let config = Config { particles, maps, ..Config::default() };
+        let config = SlamConfig { particles, maps, ..SlamConfig::default() };
         criterion.bench_function(&format!("a step of {particles} particles in {maps} maps"), |b| {
             b.iter_custom(|rounds| {
                 let (mut steps, mut spent) = (0u32, Duration::ZERO);

@@ -7,7 +7,6 @@
 //! at another place, spread evenly, without a prior. A fix is right within 0.5 m and 10° of the trajectory. With `kidnap`
 //! the robot is set back to another place once it was located for 5 m altogether.
 
-use ipslam::config::Config;
 use ipslam::evaluator::Evaluator;
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::io::{carmen::CarmenLog, map_json, tum};
@@ -79,12 +78,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let mut outcomes = Vec::new();
         for start in 0..starts {
             let first = scans[start * scans.len() / starts];
-            let localization = LocalizationConfig { max_particles, ..LocalizationConfig::default() };
-            let mut config = Config { seed: start as u64, localization, ..Config::default() };
+            let mut config = LocalizationConfig { seed: start as u64, max_particles, ..LocalizationConfig::default() };
             if let Ok(text) = std::env::var("IPSLAM_CONFIG") {
                 config = config.with_toml(&text)?;
             }
-            config.localization.min_particles = config.localization.min_particles.min(max_particles);
+            config.min_particles = config.min_particles.min(max_particles);
             let filter = Localization::new(map.clone(), None, config, evaluator(on_gpu)?)?;
             let elsewhere = scans[(start * scans.len() / starts + scans.len() / 2) % scans.len()];
             outcomes.push(follow(filter, &entries, first, kidnap.then_some(elsewhere)));

@@ -5,11 +5,11 @@
 //! ```
 //! Without a log, the simulated building is driven through. The filter is the default one, on the CPU.
 
-use ipslam::config::Config;
+use ipslam::config::{Config, SlamConfig};
 use ipslam::io::mcap::Topics;
 use ipslam::io::open_log;
 use ipslam::log::LogSource;
-use ipslam::pipeline::{Run, RunInfo, Task};
+use ipslam::pipeline::{Run, RunInfo};
 use ipslam::record::rerun::{Level, RerunObserver};
 use ipslam::report::Observer;
 use ipslam::simulate::Simulation;
@@ -55,8 +55,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 /// Seconds of a whole run, with the recording written out.
 fn run(source: &dyn LogSource, level: Option<Level>, file: &Path) -> Result<f64, Box<dyn std::error::Error>> {
-    let config = Config::default();
-    let info = RunInfo { task: Task::Mapping, log: source.name(), device: "CPU".to_owned(), config };
+    let config = SlamConfig::default();
+    let info = RunInfo { log: source.name(), device: "CPU".to_owned(), config: Config::Slam(config) };
     let began = Instant::now();
     let observer = level.map(|level| RerunObserver::to_file(file, &info, level)).transpose()?;
     let mut observers: Vec<Box<dyn Observer>> =

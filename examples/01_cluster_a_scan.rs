@@ -2,13 +2,13 @@
 
 use ipslam::clustering::{ClusteringConfig, cluster_points};
 use ipslam::log::{LogEntry, LogError, LogSource};
-use ipslam::scan::Scan;
+use ipslam::scan::{Scan, ScanConfig};
 use ipslam::simulate::Simulation;
 
 fn main() -> Result<(), LogError> {
     for entry in Simulation::building(1).open()? {
         let LogEntry::Laser(reading) = entry? else { continue };
-        let scan = Scan::from_reading(&reading, 0.1, 30.0);
+        let scan = Scan::from_reading(&reading, &ScanConfig::default());
         let clustering = cluster_points(&scan.points, &ClusteringConfig::default());
 
         println!("{} points in {} clusters:", scan.points.len(), clustering.clusters.len());

@@ -2,7 +2,7 @@
 //!
 //! Maps a CARMEN log or a ROS 2 bag, or a simulated drive where none is given; prints the longest walls and writes `map.svg`.
 
-use ipslam::config::Config;
+use ipslam::config::SlamConfig;
 use ipslam::io::mcap::Topics;
 use ipslam::io::{open_log, write_whole};
 use ipslam::log::LogSource;
@@ -16,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Some(path) => open_log(path, &Topics::default())?,
         None => Box::new(Simulation::building(1)),
     };
-    let config = Config { particles: 32, maps: 32, ..Config::default() };
+    let config = SlamConfig { particles: 32, maps: 32, ..SlamConfig::default() };
 
     let result = pipeline::map(&*log, &config)?;
 

@@ -1,4 +1,5 @@
 // Candidate lists: which clusters can explain a point of a tile, from any pose of a group. A workgroup a group.
+// Twin of src/evaluator/cpu/cull.rs.
 
 var<workgroup> low: array<vec3f, 64>;
 var<workgroup> high: array<vec3f, 64>;

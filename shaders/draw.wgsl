@@ -1,4 +1,5 @@
 // A pose around the top of each particle's posterior, from the Laplace approximation.
+// Twin of src/evaluator/cpu/draw.rs.
 
 @compute @workgroup_size(64)
 fn draw(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) lane: u32) {

@@ -1,4 +1,5 @@
 // A pose for each particle, drawn from the motion (eq. 17).
+// Twin of src/evaluator/cpu/propagate.rs.
 
 @compute @workgroup_size(64)
 fn propagate(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) lane: u32) {

@@ -2,6 +2,7 @@
 //
 // Each dispatch looks at the scan from where the particle is, writes the quadratic model of there, and moves the
 // particle to the top of it, unless it has settled.
+// Twin of src/evaluator/cpu/refine.rs.
 
 // Σ max ln p; gradient; information: xx, xy, xh, yy, yh, hh.
 struct Sums {

@@ -1,4 +1,5 @@
 // The log-likelihood of the scan from each particle's pose (eq. 18). A workgroup a group.
+// Twin of src/evaluator/cpu/weigh.rs.
 
 var<workgroup> sums: array<f32, 64>;
 

@@ -3,7 +3,7 @@
 //! A pose is named for the two frames that it joins: `world_from_robot` takes points of the robot's frame to the
 //! world, and products chain by their neighbours, `world_from_robot * robot_from_laser`. Metres and radians.
 
-use nalgebra::{Point2, Vector2};
+use nalgebra::{Matrix3, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 use std::ops::Mul;
 
@@ -36,6 +36,13 @@ impl Pose {
     /// This pose seen from another one of the same frame: `from.inverse() * self`.
     pub fn seen_from(self, from: Self) -> Self {
         from.inverse() * self
+    }
+
+    /// The adjoint of SE(2) for (forward, sideways, heading): `a_from_b.adjoint()` takes a small motion in the frame b to the
+    /// frame a.
+    pub fn adjoint(self) -> Matrix3<f64> {
+        let (sin, cos) = self.heading.sin_cos();
+        Matrix3::new(cos, -sin, self.y, sin, cos, -self.x, 0.0, 0.0, 1.0)
     }
 
     /// The position, without the heading.
@@ -103,7 +110,6 @@ pub struct StampedPose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Matrix3;
     use proptest::prelude::*;
 
     /// The oracle: homogeneous matrices.
@@ -141,5 +147,21 @@ mod tests {
     fn half_a_turn_is_positive() {
         assert_eq!(wrap_angle(-std::f64::consts::PI), std::f64::consts::PI);
         assert!(wrap_angle(f64::NAN).is_nan());
+    }
+
+    /// The oracle: a small motion before `next` moves its end by the finite difference of the composed poses.
+    #[test]
+    fn the_adjoint_is_the_derivative_of_composition() {
+        let next = Pose::new(1.5, -0.7, 2.0);
+        let carry = next.inverse().adjoint();
+        let step = 1e-6;
+        for axis in 0..3 {
+            let mut small = [0.0; 3];
+            small[axis] = step;
+            let moved = (Pose::new(small[0], small[1], small[2]) * next).seen_from(next);
+            for (row, value) in [moved.x, moved.y, moved.heading].into_iter().enumerate() {
+                assert!((carry[(row, axis)] - value / step).abs() < 1e-5, "row {row} axis {axis}");
+            }
+        }
     }
 }

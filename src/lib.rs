@@ -54,13 +54,13 @@
 //! # Use
 //! Half a minute of a simulated drive, mapped by four particles with a map each:
 //! ```
-//! use ipslam::config::Config;
+//! use ipslam::config::SlamConfig;
 //! use ipslam::pipeline::{Outcome, Run};
 //! use ipslam::simulate::Simulation;
 //! use ipslam::slam::Slam;
 //!
-//! let config = Config { particles: 4, maps: 4, ..Config::default() };
-//! let run = Run { max_scans: Some(300), smoothing: Some(&config), ..Run::of(&Simulation::building(1)) };
+//! let config = SlamConfig { particles: 4, maps: 4, ..SlamConfig::default() };
+//! let run = Run { max_scans: Some(300), smoothing: Some(config.smoother()), ..Run::of(&Simulation::building(1)) };
 //! let Outcome { result, counts, .. } = run.run(&mut Slam::new(config), &mut [], &mut |_| true)?;
 //!
 //! let walked = result.trajectory().last().map_or(0.0, |last| last.pose.position().coords.norm());
@@ -71,6 +71,7 @@
 //! Frames: `odom` drifts with the odometry; `world` has its origin at the robot's pose at the first scan; poses are
 //! named `world_from_robot`. Units: metres, radians, seconds.
 
+pub mod ablation;
 pub mod clustering;
 pub mod config;
 pub mod evaluator;
@@ -86,6 +87,7 @@ pub mod map;
 pub mod math;
 pub mod metrics;
 pub mod motion;
+mod parameters;
 pub mod picture;
 pub mod pipeline;
 pub mod ppca;
@@ -96,3 +98,4 @@ pub mod scan;
 pub mod simulate;
 pub mod slam;
 pub mod smoothing;
+pub mod tracking;

@@ -1,57 +1,26 @@
 //! How likely a measurement is, given a map (eq. 18): its configuration, and a cluster as it is evaluated, in f32 and in a
 //! frame near the robot.
 
+use crate::ablation::Latent;
 use crate::math::ln;
+use crate::parameters::parameters;
 use crate::ppca::Cluster;
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Point2, Vector2};
-use serde::{Deserialize, Serialize};
 use std::f32::consts::SQRT_2;
 
-/// How likely a measurement is, given a map (eq. 18).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LikelihoodConfig {
-    /// The distribution of the latent number ζ.
-    pub latent: Latent,
-    /// No standard deviation of a cluster is taken to be smaller \[m\]: what the map and the laser get wrong together.
-    pub sigma_floor: f64,
-    /// No standard deviation across a wall is taken to be smaller in the first steps of a climb \[m\]: how far off a
-    /// wall is still found.
-    pub capture_sigma: f64,
-    /// Uniform latent: standard deviation of the fall-off beyond a segment's ends \[m\]. Walls go on where they have
-    /// not been seen, so an end says little.
-    pub end_sigma: f64,
-    /// Density \[1/m²\] of a point that no cluster explains; no point is less likely than this.
-    pub outlier_density: f64,
-    /// Log-likelihoods are multiplied by this: neighbouring beams do not err independently. 1 in the paper.
-    pub temper: f64,
-    /// At most this many points of a scan are used, evenly spread over its beams.
-    pub max_points: usize,
-}
-
-/// Distribution of the latent number ζ along a cluster (eq. 7).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Latent {
-    /// The paper's N(0, 1). Density is that of eq. 9.
-    Normal,
-    /// Uniform over the segment of the same variance, each metre of wall as likely as any other: a wall seen in part
-    /// does not pull the robot towards its middle, and a map in fewer, longer clusters is no less likely.
-    Uniform,
-}
-
-impl Default for LikelihoodConfig {
-    fn default() -> Self {
-        Self {
-            latent: Latent::Uniform,
-            sigma_floor: 0.03,
-            capture_sigma: 0.15,
-            end_sigma: 0.1,
-            outlier_density: 0.01,
-            temper: 0.025,
-            max_points: 180,
-        }
+parameters! {
+    /// How likely a measurement is, given a map (eq. 18).
+    pub struct LikelihoodConfig {
+        /// No standard deviation of a cluster is taken to be smaller \[m\]: what the map and the laser get wrong together.
+        sigma_floor: f64 = 0.03, in 1e-6..=1e3;
+        /// Uniform latent: standard deviation of the fall-off beyond a segment's ends \[m\]. Walls go on where they have
+        /// not been seen, so an end says little.
+        end_sigma: f64 = 0.1, in 1e-6..=1e3;
+        /// Density \[1/m²\] of a point that no cluster explains; no point is less likely than this.
+        outlier_density: f64 = 0.01, in 1e-30..=1e6;
+        /// At most this many points of a scan are used, evenly spread over its beams.
+        max_points: usize = 180, in 1.0..=f64::INFINITY;
     }
 }
 
@@ -80,11 +49,11 @@ pub struct ClusterParams {
 
 impl ClusterParams {
     /// A cluster of the world as the kernels see it, relative to `origin`.
-    pub fn new(cluster: &Cluster, origin: Point2<f64>, config: &LikelihoodConfig) -> Self {
+    pub fn new(cluster: &Cluster, origin: Point2<f64>, config: &LikelihoodConfig, latent: Latent) -> Self {
         let mean = cluster.mean - origin;
         let floored = cluster.with_variance_floor(config.sigma_floor * config.sigma_floor);
         let across = floored.across_variance.sqrt();
-        let (half_length, along, log_peak) = match config.latent {
+        let (half_length, along, log_peak) = match latent {
             Latent::Normal => (0.0, floored.along_variance.sqrt(), floored.log_density(floored.mean)),
             // Density across, times that of one place in a metre of wall.
             Latent::Uniform => {

@@ -5,31 +5,18 @@ use crate::config::Config;
 use crate::geometry::StampedPose;
 use crate::log::{LogEntry, LogError, LogSource, LogStats};
 use crate::report::{Estimator, Event, Observer, RunResult, StageTimes, StepReport};
-use crate::slam::Slam;
-use crate::smoothing::smooth;
-use serde::{Deserialize, Serialize};
+use crate::slam::{Slam, SlamConfig};
+use crate::smoothing::Smoother;
 use web_time::Instant;
-
-/// What a run is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Task {
-    /// Finding path and map.
-    Mapping,
-    /// Finding the robot in a map that is known.
-    Localization,
-}
 
 /// What a run starts with: with the entries of its log, all that it takes to run it again.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunInfo {
-    /// What it is for.
-    pub task: Task,
     /// Name of the log.
     pub log: String,
     /// What evaluates the particles, in the words of its driver.
     pub device: String,
-    /// Everything that was set.
+    /// Everything that was set, and with it what the run is for.
     pub config: Config,
 }
 
@@ -43,7 +30,7 @@ pub struct Run<'a> {
     /// The run ends after so many laser readings.
     pub max_scans: Option<u64>,
     /// How the result is smoothed, if it is.
-    pub smoothing: Option<&'a Config>,
+    pub smoothing: Option<Smoother>,
 }
 
 /// What a run found, and what can be said of it.
@@ -147,7 +134,7 @@ impl<'a> Run<'a> {
         let mut result = estimator.result();
         let began = Instant::now();
         let smoothing = self.smoothing.filter(|_| !matches!(end, End::Interrupted));
-        let smoothed = smoothing.map_or(Ok(()), |config| smooth(self.source, &mut result, config));
+        let smoothed = smoothing.map_or(Ok(()), |smoother| smoother.smooth(self.source, &mut result));
         let smoothing_seconds = began.elapsed().as_secs_f64();
         let finished = Event::Finished { result: &result, is_smoothed: smoothing.is_some() && smoothed.is_ok() };
         observers.iter_mut().for_each(|observer| observer.on_event(&finished));
@@ -170,8 +157,8 @@ impl<'a> Run<'a> {
 ///
 /// # Errors
 /// The log cannot be read to its end.
-pub fn map(source: &dyn LogSource, config: &Config) -> Result<RunResult, LogError> {
-    let run = Run { smoothing: Some(config), ..Run::of(source) };
+pub fn map(source: &dyn LogSource, config: &SlamConfig) -> Result<RunResult, LogError> {
+    let run = Run { smoothing: Some(config.smoother()), ..Run::of(source) };
     let Outcome { result, end, smoothing, .. } = run.run(&mut Slam::new(*config), &mut [], &mut |_| true)?;
     match end {
         End::BrokeOff(error) => Err(error),

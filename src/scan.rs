@@ -1,7 +1,30 @@
 //! A laser reading as points in the robot's frame.
 
 use crate::log::LaserReading;
+use crate::parameters::{ConfigError, parameters};
 use nalgebra::Point2;
+
+parameters! {
+    /// Which ranges count.
+    pub struct ScanConfig {
+        /// Shorter ranges are no measurement \[m\].
+        min_range: f64 = 0.1, in 0.0..=1e6;
+        /// Ranges from here on are not used, or no return \[m\].
+        max_range: f64 = 30.0, in 0.0..=f64::INFINITY;
+    }
+}
+
+impl ScanConfig {
+    /// Whether its numbers are in their ranges, and leave some.
+    pub(crate) fn validate(&self) -> Result<(), ConfigError> {
+        self.check("scan")?;
+        let Self { min_range, max_range } = *self;
+        if min_range >= max_range {
+            return Err(ConfigError::value("scan.max_range", max_range, format!("above scan.min_range, {min_range}")));
+        }
+        Ok(())
+    }
+}
 
 /// The points of one laser sweep.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,10 +40,11 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// Turns ranges into points, leaving out what lies outside `min_range..max_range` \[m\].
+    /// Turns ranges into points, leaving out those that do not count.
     ///
     /// The reading's own maximum, where it is lower, counts as well.
-    pub fn from_reading(reading: &LaserReading, min_range: f64, max_range: f64) -> Self {
+    pub fn from_reading(reading: &LaserReading, config: &ScanConfig) -> Self {
+        let ScanConfig { min_range, max_range } = *config;
         let max_range = max_range.min(reading.max_range);
         let mut scan = Scan { stamp: reading.stamp, ..Scan::default() };
         for (beam, &range) in reading.ranges.iter().enumerate() {
@@ -54,7 +78,7 @@ mod tests {
             max_range: 80.0,
             ranges: vec![1.0, 2.0, 3.0, f64::NAN, f64::INFINITY, -1.0, 0.01, 81.0, 35.0],
         };
-        let scan = Scan::from_reading(&reading, 0.05, 30.0);
+        let scan = Scan::from_reading(&reading, &ScanConfig { min_range: 0.05, max_range: 30.0 });
         let expected = [(0.1, -1.0), (2.1, 0.0), (0.1, 3.0)];
         assert_eq!(scan.points.len(), expected.len());
         for (point, (x, y)) in scan.points.iter().zip(expected) {

@@ -10,7 +10,6 @@
 //! World's frame: the robot's pose at the first scan is the origin.
 
 use crate::clustering::cluster_points;
-use crate::config::Config;
 use crate::evaluator::cholesky::{Cholesky, packed, unpacked};
 use crate::evaluator::failover::Failover;
 use crate::evaluator::pose::LocalPose;
@@ -32,6 +31,10 @@ use crate::report::{Estimate, Estimator, Event, ReportedParticle, RunResult, Sta
 use crate::scan::Scan;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
+
+pub use config::{FilterConfig, SlamConfig};
+
+mod config;
 
 /// A map, and the robot in it.
 #[derive(Clone, Debug)]
@@ -70,7 +73,7 @@ struct Reading {
 /// The filter.
 #[derive(Debug)]
 pub struct Slam {
-    config: Config,
+    config: SlamConfig,
     hypotheses: Vec<Hypothesis>,
     best: usize,
     pool: Pool,
@@ -90,17 +93,17 @@ pub struct Slam {
 
 impl Slam {
     /// A filter that has seen nothing. Table I, 2: all particles start at the origin of the world. The configuration is
-    /// one that [`Config::validate`] accepts.
-    pub fn new(config: Config) -> Self {
+    /// one that [`SlamConfig::validate`] accepts.
+    pub fn new(config: SlamConfig) -> Self {
         Self::with_failover(config, Failover::new(None))
     }
 
     /// The same, with an evaluator other than the CPU. Where it fails, the step is done again on the CPU, which goes on.
-    pub fn with_evaluator(config: Config, evaluator: Box<dyn Evaluator>) -> Self {
+    pub fn with_evaluator(config: SlamConfig, evaluator: Box<dyn Evaluator>) -> Self {
         Self::with_failover(config, Failover::new(Some(evaluator)))
     }
 
-    fn with_failover(config: Config, evaluator: Failover) -> Self {
+    fn with_failover(config: SlamConfig, evaluator: Failover) -> Self {
         let mut ancestry = Ancestry::default();
         let path = ancestry.extend(None, Pose::IDENTITY);
         let start =
@@ -109,7 +112,7 @@ impl Slam {
             hypotheses: vec![start; config.maps],
             best: 0,
             pool: Pool::default(),
-            table: ClusterTable::new(config.likelihood),
+            table: ClusterTable::new(config.likelihood, config.ablation.latent, config.proposal.capture_sigma),
             evaluator,
             ancestry,
             readings: Vec::new(),
@@ -124,7 +127,7 @@ impl Slam {
 
     /// Follows the robot; takes a step where it has moved far enough, and at the first scan.
     fn add_laser(&mut self, reading: &LaserReading, observe: &mut dyn FnMut(&Event<'_>)) {
-        let scan = Scan::from_reading(reading, self.config.scan.min_range, self.config.scan.max_range);
+        let scan = Scan::from_reading(reading, &self.config.scan);
         observe(&Event::Scan(&scan));
         let tiles = tiles(&scan.points, self.config.likelihood.max_points);
         if self.steps == 0 {
@@ -134,7 +137,7 @@ impl Slam {
         timed(&mut track_seconds, || self.track(reading.odom_from_robot, &tiles));
         self.times.track += track_seconds;
         let moved = self.tracked.mean;
-        if self.steps > 0 && self.config.filter.is_too_near(moved) {
+        if self.steps > 0 && self.config.tracking.is_too_near(moved) {
             self.keep_reading(reading.stamp, reading.odom_from_robot, moved);
         } else {
             self.step(&scan, &tiles, reading.odom_from_robot, observe);
@@ -160,7 +163,7 @@ impl Slam {
         let clusters = timed(&mut times.cluster, || cluster_points(&scan.points, &self.config.clustering).clusters);
         // 6a
         let mut particles = timed(&mut times.propagate, || self.propagate(tiles));
-        if self.config.filter.weigh_merged_map {
+        if self.config.ablation.weigh_merged_map {
             // 6c-ii to v, for every particle
             self.move_maps(&particles);
             timed(&mut times.merge, || self.merge(&clusters));
@@ -170,7 +173,7 @@ impl Slam {
         let weights = normalised(&particles.iter().map(|particle| particle.log_weight).collect::<Vec<_>>());
         // 6d
         let (resampled, parents) = timed(&mut times.resample, || self.resample(&particles, &weights));
-        if !self.config.filter.weigh_merged_map {
+        if !self.config.ablation.weigh_merged_map {
             // 6c-ii to v, for the survivors alone
             timed(&mut times.merge, || self.merge(&clusters));
         }
@@ -209,7 +212,7 @@ impl Slam {
         };
         self.by_odometry = self.by_odometry.then(&since);
         self.tracked = self.tracked.then(&since);
-        let starts = self.config.proposal.tracking_starts;
+        let starts = self.config.tracking.starts;
         let Some(information) = self.tracked.covariance.try_inverse().filter(|_| starts > 0 && self.steps > 0) else {
             return;
         };
@@ -282,7 +285,7 @@ impl Slam {
             noise,
             prior_information: [0.0; 6],
             iterations: self.config.proposal.iterations,
-            capture_sigma: self.config.likelihood.capture_sigma as f32,
+            capture_sigma: self.config.proposal.capture_sigma as f32,
             spread: self.config.proposal.spread as f32,
         }
     }
@@ -290,13 +293,13 @@ impl Slam {
     /// Table I, 6c-vi: eq. 18 for every particle, tempered.
     fn weigh(&mut self, particles: &mut [Particle], tiles: &[Tile]) {
         // A map that the scan has just been merged into is not the one it was matched to.
-        let known = |particle: &Particle| particle.log_likelihood.filter(|_| !self.config.filter.weigh_merged_map);
+        let known = |particle: &Particle| particle.log_likelihood.filter(|_| !self.config.ablation.weigh_merged_map);
         let log_likelihoods: Vec<f64> = match particles.iter().map(known).collect() {
             Some(known) => known,
             None => self.look(particles, tiles),
         };
         for (particle, log_likelihood) in particles.iter_mut().zip(log_likelihoods) {
-            particle.gain = self.config.likelihood.temper * log_likelihood;
+            particle.gain = self.config.filter.temper * log_likelihood;
             particle.log_weight += particle.gain;
         }
     }
@@ -357,7 +360,7 @@ impl Slam {
 
     /// Table I, 6c-ii to v: merges the scan's clusters, given in the robot's frame, into every map.
     fn merge(&mut self, clusters: &[Cluster]) {
-        let Config { matching, merging, likelihood, .. } = &self.config;
+        let SlamConfig { matching, merging, ablation, filter, .. } = &self.config;
         // No cluster further off can match one of these, or one that such a match makes longer.
         let reach = clusters.iter().map(|c| c.mean.coords.norm() + c.length()).fold(0.0, f64::max)
             + 2.0 * (matching.max_gap + matching.max_distance + MARGIN);
@@ -367,7 +370,7 @@ impl Slam {
             let slots = self.table.near(&hypothesis.map.slots, local.x, local.y, reach as f32);
             let near: Vec<(Slot, MapCluster)> = slots.into_iter().map(|slot| (slot, *self.pool.get(slot))).collect();
             let clusters_in_world: Vec<Cluster> = clusters.iter().map(|cluster| cluster.transformed(pose)).collect();
-            merge_scan(&near, &clusters_in_world, self.steps, matching, merging)
+            merge_scan(&near, &clusters_in_world, self.steps, matching, merging, ablation)
         };
         let changes: Vec<MapChange> = self.hypotheses.par_iter().map(change).collect();
         let without = |(hypothesis, change): (&mut Hypothesis, &MapChange)| {
@@ -376,7 +379,7 @@ impl Slam {
         self.hypotheses.par_iter_mut().zip(&changes).for_each(without);
         for (hypothesis, change) in self.hypotheses.iter_mut().zip(changes) {
             let growth = change.added.len() as f64 - change.removed.len() as f64;
-            let cost = likelihood.temper * merging.cluster_cost * growth;
+            let cost = filter.temper * merging.cluster_cost * growth;
             hypothesis.log_weight -= cost;
             hypothesis.score -= cost;
             hypothesis.map.slots.extend(change.added.into_iter().map(|entry| self.pool.insert(entry)));

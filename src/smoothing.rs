@@ -8,62 +8,80 @@
 //!
 //! Scans are read again from the log in each pass, so memory does not grow with their points.
 
-use crate::config::Config;
+use crate::ablation::AblationConfig;
 use crate::evaluator::PosePrior;
 use crate::evaluator::cpu::cull::{Candidates, LocalMap};
 use crate::evaluator::cpu::{View, refine};
 use crate::evaluator::pose::LocalPose;
 use crate::evaluator::tiles::tiles;
 use crate::geometry::Pose;
-use crate::likelihood::ClusterParams;
+use crate::likelihood::{ClusterParams, LikelihoodConfig};
 use crate::log::{LogEntry, LogError, LogSource, readings};
-use crate::map::merging::consolidated;
+use crate::map::matching::MatchingConfig;
+use crate::map::merging::{MergingConfig, consolidated};
+use crate::parameters::parameters;
 use crate::ppca::{Cluster, Moments};
 use crate::report::{Estimate, RunResult};
-use crate::scan::Scan;
+use crate::scan::{Scan, ScanConfig};
 use nalgebra::Point2;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
-/// How a finished run is smoothed.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SmoothingConfig {
-    /// Passes over the log; 0 leaves the filter's result as it is, as in the paper.
-    pub passes: usize,
-    /// How far a pass is expected to move a scan, forward and sideways \[m\].
-    pub position: f64,
-    /// ... and in heading \[rad\].
-    pub heading: f64,
-    /// The map is the smallest set of clusters that explains this share of what all clusters explain; the rest is
-    /// clutter, seen in passing.
-    pub keep_explained: f64,
-    /// ... but never more clusters than this: where there is much clutter, those that explain most.
-    pub max_clusters: usize,
-}
-
-impl Default for SmoothingConfig {
-    fn default() -> Self {
-        Self { passes: 3, position: 0.03, heading: 0.01, keep_explained: 0.95, max_clusters: 300 }
+parameters! {
+    /// How a finished run is smoothed.
+    pub struct SmoothingConfig {
+        /// Passes over the log; 0 leaves the filter's result as it is, as in the paper.
+        passes: usize = 3, in 0.0..=f64::INFINITY;
+        /// The map is the smallest set of clusters that explains this share of what all clusters explain; the rest is
+        /// clutter, seen in passing.
+        keep_explained: f64 = 0.95, in 0.0..=1.0;
+        /// The map has at most this many clusters, those that explain most: where there is much clutter.
+        max_clusters: usize = 300, in 0.0..=f64::INFINITY;
     }
 }
 
+/// Everything that smoothing takes from the configuration of the filter.
+#[derive(Clone, Copy, Debug)]
+pub struct Smoother {
+    /// From ranges to points, as in the filter.
+    pub scan: ScanConfig,
+    /// How likely points are, as in the filter.
+    pub likelihood: LikelihoodConfig,
+    /// Which clusters are one wall, as in the filter.
+    pub matching: MatchingConfig,
+    /// When they are merged, as in the filter.
+    pub merging: MergingConfig,
+    /// What is switched to the paper's rules.
+    pub ablation: AblationConfig,
+    /// Passes, and what is clutter.
+    pub smoothing: SmoothingConfig,
+}
+
+/// How far a pass is expected to move a scan, forward and sideways \[m\]: as far as walls are known (`sigma_floor`).
+const POSITION_SIGMA: f64 = 0.03;
+/// How far a pass is expected to turn a scan \[rad\]: as far as moves a wall 3 m off by as much.
+const HEADING_SIGMA: f64 = 0.01;
 /// Scans matched at a time; they share nothing but the map.
 const BATCH: usize = 256;
 /// Gauss-Newton steps a scan and pass.
 const ITERATIONS: u32 = 5;
 
-/// Smooths a run of this log in place. Frames stay: the world's origin is still the first pose of the filter.
-pub fn smooth(source: &dyn LogSource, result: &mut RunResult, config: &Config) -> Result<(), LogError> {
-    for pass in 1..=config.smoothing.passes {
-        let support = match_scans(source, result, config)?;
-        refit(&mut result.map.clusters, &support, config, pass == config.smoothing.passes);
+impl Smoother {
+    /// Smooths the result of a run of this log in place. Frames stay: the world's origin is still the first pose of the
+    /// filter. A result without poses or without clusters stays as it is.
+    ///
+    /// # Errors
+    /// The log cannot be read again to the last pose of the result; the result is then that of the passes before.
+    pub fn smooth(&self, source: &dyn LogSource, result: &mut RunResult) -> Result<(), LogError> {
+        for pass in 1..=self.smoothing.passes {
+            let support = match_scans(source, result, self)?;
+            refit(&mut result.map.clusters, &support, self, pass == self.smoothing.passes);
+        }
+        Ok(())
     }
-    Ok(())
 }
 
 /// Moves every scan to where the map wants it, and gathers what each cluster then explains.
-fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Config) -> Result<Vec<Moments>, LogError> {
+fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Smoother) -> Result<Vec<Moments>, LogError> {
     let before: Vec<Pose> = result.poses.iter().map(|estimate| estimate.world_from_robot.unwrap_or_default()).collect();
     let mut support = vec![Moments::default(); result.map.clusters.len()];
     let mut is_laser = vec![false; before.len()];
@@ -81,7 +99,7 @@ fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Config) 
     for reading in readings(source)?.take(before.len()) {
         let (index, entry) = reading?;
         if let LogEntry::Laser(reading) = entry {
-            batch.push((index, Scan::from_reading(&reading, config.scan.min_range, config.scan.max_range)));
+            batch.push((index, Scan::from_reading(&reading, &config.scan)));
         }
         if batch.len() == BATCH {
             place(&mut batch, result);
@@ -107,14 +125,14 @@ struct Placed {
     explained: Vec<(usize, Point2<f64>)>,
 }
 
-fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Config) -> Placed {
+fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Smoother) -> Placed {
     let tiles = tiles(&scan.points, usize::MAX);
     let reach = scan.points.iter().map(|p| p.coords.norm()).fold(0.0, f64::max) + 1.0;
     let near: Vec<usize> = (0..map.len()).filter(|&i| map[i].may_be_within(reach, guess.position())).collect();
     let origin = guess.position().map(f64::round);
-    let params = near.iter().map(|&i| ClusterParams::new(&map[i], origin, &config.likelihood));
+    let params = near.iter().map(|&i| ClusterParams::new(&map[i], origin, &config.likelihood, config.ablation.latent));
     let local = LocalMap::new(params, config.likelihood.log_outlier());
-    let (position, heading) = (config.smoothing.position.powi(-2) as f32, config.smoothing.heading.powi(-2) as f32);
+    let (position, heading) = (POSITION_SIGMA.powi(-2) as f32, HEADING_SIGMA.powi(-2) as f32);
     let start = LocalPose::new(guess, origin);
     let prior = PosePrior { pose: start, information: [position, 0.0, 0.0, position, 0.0, heading] };
     let pose = refine(&local, &[start], &prior, &tiles, ITERATIONS).first().map_or(start, |mode| mode.pose);
@@ -131,9 +149,9 @@ fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Config) -> Pla
 }
 
 /// Fits every cluster to what it explains, joins those that have come to be one wall, and in the end drops clutter.
-fn refit(map: &mut Vec<Cluster>, support: &[Moments], config: &Config, last: bool) {
+fn refit(map: &mut Vec<Cluster>, support: &[Moments], config: &Smoother, last: bool) {
     let fitted: Vec<Cluster> = support.iter().filter_map(Moments::fit).collect();
-    *map = consolidated(&fitted, &config.matching, &config.merging);
+    *map = if config.ablation.consolidate { consolidated(&fitted, &config.matching, &config.merging) } else { fitted };
     if last {
         drop_clutter(map, config.smoothing.keep_explained, config.smoothing.max_clusters);
     }

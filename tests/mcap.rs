@@ -10,7 +10,7 @@ mod logs;
 mod python;
 
 use common::data;
-use ipslam::config::Config;
+use ipslam::config::SlamConfig;
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::CarmenLog;
 use ipslam::io::mcap::{McapLog, Topics};
@@ -150,7 +150,7 @@ fn a_bag_tells_what_the_carmen_log_told() {
 #[test]
 fn a_bag_gives_the_map_of_the_carmen_log() {
     let Some((folder, scans)) = carmen_as_bags() else { return };
-    let config = Config { particles: 8, maps: 8, seed: 1, ..Config::default() };
+    let config = SlamConfig { particles: 8, maps: 8, seed: 1, ..SlamConfig::default() };
     let map = |entries: &[LogEntry]| {
         let mut slam = Slam::new(config);
         entries.iter().for_each(|entry| slam.add(entry, &mut |_| {}));

@@ -8,7 +8,7 @@
 mod common;
 
 use common::data;
-use ipslam::config::Config;
+use ipslam::config::SlamConfig;
 use ipslam::io::carmen::CarmenLog;
 use ipslam::io::relations;
 use ipslam::log::LogSource;
@@ -18,7 +18,7 @@ use ipslam::report::{Estimator as _, Event, RunResult};
 use ipslam::slam::Slam;
 
 /// The filter and the smoothing, as `ipslam run` does them.
-fn map(log: &CarmenLog, config: &Config) -> RunResult {
+fn map(log: &CarmenLog, config: &SlamConfig) -> RunResult {
     pipeline::map(log, config).unwrap()
 }
 
@@ -46,7 +46,7 @@ fn means(errors: &RelationErrors) -> (f64, f64) {
 #[test]
 fn csail_is_mapped() {
     let Some(log) = data("csail/mit-csail.clf.gz") else { return };
-    let result = map(&CarmenLog::new(log), &Config { seed: 1, ..Config::default() });
+    let result = map(&CarmenLog::new(log), &SlamConfig { seed: 1, ..SlamConfig::default() });
     let (all, loops) = means(&score(&result, "csail/mit-csail.relations.gz"));
     assert!(all <= 0.06 && loops <= 0.15, "seed 1: {all} m, loops {loops} m");
     assert!((50..=300).contains(&result.map.clusters.len()), "seed 1: {} clusters", result.map.clusters.len());
@@ -68,7 +68,7 @@ fn csail_is_mapped() {
 #[test]
 fn intel_loops_close() {
     let Some(log) = data("intel/intel-dense.clf.gz") else { return };
-    let result = map(&CarmenLog::new(log), &Config { seed: 1, ..Config::default() });
+    let result = map(&CarmenLog::new(log), &SlamConfig { seed: 1, ..SlamConfig::default() });
     let (all, loops) = means(&score(&result, "intel/intel.relations.gz"));
     assert!(all <= 0.15 && loops <= 0.3, "seed 1: {all} m, loops {loops} m");
     assert_eq!(result.trajectory().len(), 13_631 + 8_132, "a pose for every reading");
@@ -82,7 +82,7 @@ fn paper_preset_follows_csail() {
     let Some(log) = data("csail/mit-csail.clf.gz") else { return };
     let relations = relations::read(&data("csail/mit-csail.relations.gz").unwrap()).unwrap();
     let mut means = SEEDS.map(|seed| {
-        let mut slam = Slam::new(Config { seed, ..Config::paper() });
+        let mut slam = Slam::new(SlamConfig { seed, ..SlamConfig::paper() });
         let mut steps = 0;
         for entry in CarmenLog::new(&log).open().unwrap().take(300) {
             slam.add(&entry.unwrap(), &mut |event| {

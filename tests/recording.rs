@@ -2,10 +2,10 @@
 #![cfg(feature = "record")]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use ipslam::config::Config;
+use ipslam::config::{Config, SlamConfig};
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::map::LineMap;
-use ipslam::pipeline::{RunInfo, Task};
+use ipslam::pipeline::RunInfo;
 use ipslam::ppca::Cluster;
 use ipslam::record::rerun::{Level, RecordError, RerunObserver, blueprint};
 use ipslam::report::{Estimate, Event, Observer, ReportedParticle, RunResult, StageTimes, StepReport};
@@ -106,8 +106,8 @@ fn xy(isometry: Isometry2<f64>) -> [f64; 2] {
 }
 
 fn info() -> RunInfo {
-    let config = Config { seed: 77, ..Config::paper() };
-    RunInfo { task: Task::Mapping, log: "a test".to_owned(), device: "CPU".to_owned(), config }
+    let config = SlamConfig { seed: 77, ..SlamConfig::paper() };
+    RunInfo { log: "a test".to_owned(), device: "CPU".to_owned(), config: Config::Slam(config) }
 }
 
 /// A drive along an arc, in a world where odometry starts elsewhere, turned, and drifts.

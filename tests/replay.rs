@@ -2,9 +2,9 @@
 #![cfg(feature = "record")]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use ipslam::config::Config;
+use ipslam::config::SlamConfig;
 use ipslam::log::{LogEntry, LogSource};
-use ipslam::pipeline::{RunInfo, Task};
+use ipslam::pipeline::RunInfo;
 use ipslam::record::rerun::read::{ReadError, RecordedRun};
 use ipslam::record::rerun::{Level, RerunObserver};
 use ipslam::report::{Estimator as _, Event, Observer, StepReport};
@@ -15,8 +15,8 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-fn config() -> Config {
-    Config { particles: 4, maps: 4, seed: 5, ..Config::default() }
+fn config() -> SlamConfig {
+    SlamConfig { particles: 4, maps: 4, seed: 5, ..SlamConfig::default() }
 }
 
 fn info() -> RunInfo {

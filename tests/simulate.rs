@@ -3,7 +3,7 @@
 
 use ipslam::geometry::{Pose, wrap_angle};
 use ipslam::log::{LaserReading, LogEntry, LogSource as _};
-use ipslam::scan::Scan;
+use ipslam::scan::{Scan, ScanConfig};
 use ipslam::simulate::{
     Laser, OdometryNoise, Plan, Simulation, SimulationConfig, Step, Wall, World, building, random_offices,
 };
@@ -392,7 +392,7 @@ fn the_laser_is_the_one_asked_for() {
 fn share_on_walls(simulation: &Simulation, error: Pose) -> f64 {
     let (mut on, mut all) = (0, 0);
     for (reading, truth) in sweeps(simulation).iter().step_by(40) {
-        for point in Scan::from_reading(reading, 0.0, 80.0).points {
+        for point in Scan::from_reading(reading, &ScanConfig { min_range: 0.0, max_range: 80.0 }).points {
             let point = *truth * error * point;
             all += 1;
             on += usize::from(

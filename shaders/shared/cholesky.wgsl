@@ -1,4 +1,4 @@
-// L Lᵀ = A of a symmetric matrix of three rows (xx, xy, xh, yy, yh, hh), as in src/evaluator/symmetric.rs.
+// L Lᵀ = A of a symmetric matrix of three rows (xx, xy, xh, yy, yh, hh), Twin of src/evaluator/cholesky.rs.
 
 struct Cholesky {
     exists: bool,

@@ -1,3 +1,5 @@
+// Twin of src/evaluator/cpu/likeliest.rs.
+
 // The highest ln p of each point so far, and the slot of the cluster that gives it: the first of the likeliest.
 struct Best {
     density0: vec4f,

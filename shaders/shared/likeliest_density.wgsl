@@ -1,3 +1,5 @@
+// Twin of src/evaluator/cpu/likeliest.rs.
+
 // The highest ln p of each point so far, whichever cluster gives it.
 struct Best {
     density0: vec4f,

@@ -2,8 +2,8 @@
 
 use anyhow::Context as _;
 use clap::ValueEnum;
-use ipslam::config::Config;
-use std::path::PathBuf;
+use ipslam::config::SlamConfig;
+use std::path::{Path, PathBuf};
 
 /// What is set, and by what.
 #[derive(Debug, clap::Args)]
@@ -35,16 +35,14 @@ enum Preset {
 
 impl ConfigArgs {
     /// Options win over the file, the file over the preset, the preset over `base`.
-    pub fn over(&self, base: Config) -> anyhow::Result<Config> {
+    pub fn over(&self, base: SlamConfig) -> anyhow::Result<SlamConfig> {
         let mut config = match self.preset {
             None => base,
-            Some(Preset::Default) => Config::default(),
-            Some(Preset::Paper) => Config::paper(),
+            Some(Preset::Default) => SlamConfig::default(),
+            Some(Preset::Paper) => SlamConfig::paper(),
         };
         if let Some(path) = &self.config {
-            let shown = path.display();
-            let text = std::fs::read_to_string(path).with_context(|| format!("{shown}: cannot be read"))?;
-            config = config.with_toml(&text).with_context(|| shown.to_string())?;
+            config = config.with_toml(&read(path)?).with_context(|| path.display().to_string())?;
         }
         // Where only the maps are named, each keeps as many poses as it had.
         let poses_a_map = config.particles / config.maps.max(1);
@@ -62,4 +60,9 @@ impl ConfigArgs {
         config.validate()?;
         Ok(config)
     }
+}
+
+/// The text of a configuration.
+pub fn read(path: &Path) -> anyhow::Result<String> {
+    std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))
 }

@@ -3,11 +3,11 @@
 use anyhow::{Context as _, anyhow, bail};
 use flate2::{Compression, write::GzEncoder};
 use ipslam::clustering::ClusteringConfig;
-use ipslam::grid::{FreeArea, OccupancyGrid, RESOLUTION, clusters, drawn};
+use ipslam::grid::{FreeArea, OccupancyGrid, RESOLUTION, drawn};
 use ipslam::io::carmen::CarmenWriter;
 use ipslam::io::mcap::Topics;
 use ipslam::io::{geojson, map_json, map_server, open_log, write_whole};
-use ipslam::map::LineMap;
+use ipslam::map::{LineMap, clusters_of_grid};
 use ipslam::picture::Picture;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -105,7 +105,7 @@ impl Map {
         match self {
             Self::Clusters(map) => map,
             Self::Grid(grid) => LineMap {
-                clusters: clusters(&grid, &ClusteringConfig::default()),
+                clusters: clusters_of_grid(&grid, &ClusteringConfig::default()),
                 free: FreeArea::from_grid(&grid, []),
             },
         }

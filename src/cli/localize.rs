@@ -1,7 +1,7 @@
 //! `ipslam localize`: a map and a log in; where the robot was in the map out.
 
 use super::backend::{BackendArgs, Chosen};
-use super::configuration::ConfigArgs;
+use super::configuration;
 use super::interrupt;
 use super::log::LogArgs;
 use super::output::Outputs;
@@ -9,16 +9,17 @@ use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::run::ThreadArgs;
 use anyhow::{Context as _, anyhow, bail, ensure};
-use ipslam::config::Config;
+use ipslam::clustering::ClusteringConfig;
+use ipslam::config::{Config, LocalizationConfig};
 use ipslam::geometry::{Pose, StampedPose};
-use ipslam::grid::{self, FreeArea};
+use ipslam::grid::FreeArea;
 use ipslam::io::{map_json, map_server, tum};
 use ipslam::localization::{InitialPose, Localization};
 use ipslam::log::{self, LogEntry, LogError, LogSource};
-use ipslam::map::LineMap;
+use ipslam::map::{LineMap, clusters_of_grid};
 use ipslam::metrics::PoseLookup;
 use ipslam::picture::Figures;
-use ipslam::pipeline::{End, Outcome, Run, RunInfo, Task};
+use ipslam::pipeline::{End, Outcome, Run, RunInfo};
 use ipslam::report::{Estimate, RunResult};
 use ipslam::scan::Scan;
 use serde::Serialize;
@@ -55,8 +56,12 @@ pub struct LocalizeArgs {
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
-    #[command(flatten)]
-    config: ConfigArgs,
+    /// TOML file that sets any part of the configuration; config.toml among the outputs is one
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
+    /// Seed of all random numbers; in place of the configuration's
+    #[arg(long, allow_negative_numbers = true)]
+    seed: Option<u64>,
     #[command(flatten)]
     threads: ThreadArgs,
     #[command(flatten)]
@@ -82,22 +87,34 @@ fn spread(text: &str) -> Result<[f64; 2], String> {
     if spread.iter().all(|&number| number >= 0.0) { Ok(spread) } else { Err("neither can be below 0".to_owned()) }
 }
 
+impl LocalizeArgs {
+    /// Options win over the file, the file over the defaults.
+    fn config(&self) -> anyhow::Result<LocalizationConfig> {
+        let mut config = LocalizationConfig::default();
+        if let Some(path) = &self.config {
+            let text = configuration::read(path)?;
+            config = config.with_toml(&text).with_context(|| path.display().to_string())?;
+        }
+        config.seed = self.seed.unwrap_or(config.seed);
+        config.max_particles = self.max_particles.unwrap_or(config.max_particles);
+        config.min_particles = self.max_particles.map_or(config.min_particles, |most| most.min(config.min_particles));
+        config.validate()?;
+        Ok(config)
+    }
+}
+
 /// Finds the robot. Errors that it could go on after are returned as a list.
 pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
-    let mut config = args.config.over(Config::default())?;
-    config.localization.max_particles = args.max_particles.unwrap_or(config.localization.max_particles);
-    let fewest = &mut config.localization.min_particles;
-    *fewest = args.max_particles.map_or(*fewest, |most| most.min(*fewest));
-    config.validate()?;
+    let config = args.config()?;
     args.threads.start()?;
-    let map = known_map(&args.map, &config)?;
+    let map = known_map(&args.map)?;
     let reference = args.reference.as_deref().map(tum::read).transpose()?;
     let source = args.log.source()?.context("no log is named: `ipslam localize MAP LOG`")?;
     source.open()?;
     let mut outputs = Outputs::for_log(args.out.as_deref(), &format!("{}-localized", source.name()))?;
     interrupt::watch()?;
     let Chosen { evaluator, name: device } = args.backend.choose()?;
-    let info = RunInfo { task: Task::Localization, log: source.name(), device, config };
+    let info = RunInfo { log: source.name(), device, config: Config::Localization(config) };
     let mut observers = args.recording.observers(&info)?;
 
     let [position_sigma, heading_sigma] = args.start_spread;
@@ -125,7 +142,7 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     outputs.write("config.toml", toml::to_string(&config)?.as_bytes());
     let readings = readings(&outcome.result);
     let errors = reference.as_deref().map(|reference| errors(&readings, reference));
-    let summary = Summary { args, info: &info, outcome: &outcome, readings: &readings, errors };
+    let summary = Summary { args, info: &info, seed: config.seed, outcome: &outcome, readings: &readings, errors };
     outputs.write("summary.json", format!("{:#}\n", summary.json()).as_bytes());
     draw(&mut outputs, &*source, &outcome, &config, reference.as_deref().unwrap_or_default());
     let text = if args.json { format!("{:#}\n", summary.json()) } else { summary.table() };
@@ -135,7 +152,7 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
 }
 
 /// Reads a map of either kind.
-fn known_map(path: &Path, config: &Config) -> anyhow::Result<LineMap> {
+fn known_map(path: &Path) -> anyhow::Result<LineMap> {
     let shown = path.display();
     let map = match path.extension().and_then(|ending| ending.to_str()) {
         Some("json") => {
@@ -150,7 +167,7 @@ fn known_map(path: &Path, config: &Config) -> anyhow::Result<LineMap> {
             let grid = map_server::read(path)?;
             let free = FreeArea::from_grid(&grid, []);
             ensure!(free.is_some(), "{shown}: no cell of it is free");
-            LineMap { clusters: grid::clusters(&grid, &config.clustering), free }
+            LineMap { clusters: clusters_of_grid(&grid, &ClusteringConfig::default()), free }
         }
         _ => bail!("{shown}: a map is a .json file as `ipslam run` writes it, or a .yaml file of ROS map_server"),
     };
@@ -231,12 +248,18 @@ fn errors(readings: &[Reading<'_>], reference: &[StampedPose]) -> Errors {
 }
 
 /// Map, scans and path of the located readings.
-fn draw(outputs: &mut Outputs, source: &dyn LogSource, outcome: &Outcome, config: &Config, reference: &[StampedPose]) {
+fn draw(
+    outputs: &mut Outputs,
+    source: &dyn LogSource,
+    outcome: &Outcome,
+    config: &LocalizationConfig,
+    reference: &[StampedPose],
+) {
     let mut figures = Figures::new(source.name(), &outcome.result, reference);
     let mut add_scans = || -> Result<(), LogError> {
         for (reading, estimate) in log::readings(source)?.skip(outcome.skipped).zip(&outcome.result.poses) {
             if let ((_, LogEntry::Laser(laser)), Some(pose)) = (reading?, estimate.relied_on()) {
-                let scan = Scan::from_reading(&laser, config.scan.min_range, config.scan.max_range);
+                let scan = Scan::from_reading(&laser, &config.scan);
                 figures.add_scan(&scan, estimate.odom_from_robot, pose);
             }
         }
@@ -254,6 +277,7 @@ fn draw(outputs: &mut Outputs, source: &dyn LogSource, outcome: &Outcome, config
 struct Summary<'a> {
     args: &'a LocalizeArgs,
     info: &'a RunInfo,
+    seed: u64,
     outcome: &'a Outcome,
     readings: &'a [Reading<'a>],
     errors: Option<Errors>,
@@ -295,7 +319,7 @@ impl Summary<'_> {
             "map": self.args.map.display().to_string(),
             "log": self.info.log,
             "device": self.info.device,
-            "seed": self.info.config.seed,
+            "seed": self.seed,
             "scans": self.outcome.counts.scans,
             "steps": self.outcome.counts.steps,
             "particles": self.particles(),

@@ -1,7 +1,6 @@
 //! The files of a run. One that cannot be written does not keep the others from being written.
 
 use anyhow::Context as _;
-use ipslam::config::Config;
 use ipslam::geometry::StampedPose;
 use ipslam::grid::{FreeArea, GridBuilder, RESOLUTION};
 use ipslam::io::{geojson, map_json, map_server, tum, write_whole};
@@ -9,7 +8,7 @@ use ipslam::log::{LogEntry, LogSource, readings};
 use ipslam::map::LineMap;
 use ipslam::picture::Figures;
 use ipslam::pipeline::Outcome;
-use ipslam::scan::Scan;
+use ipslam::scan::{Scan, ScanConfig};
 use std::path::{Path, PathBuf};
 
 /// A folder for outputs, and what went wrong with them.
@@ -73,14 +72,14 @@ impl Outputs {
     pub fn look_again(
         &mut self,
         source: &dyn LogSource,
-        config: &Config,
+        scan_config: &ScanConfig,
         mapped: &Outcome,
         reference: &[StampedPose],
     ) -> usize {
         let result = &mapped.result;
         let mut figures = Figures::new(source.name(), result, reference);
         let mut builder = GridBuilder::new(RESOLUTION);
-        let added = add_scans(&mut figures, &mut builder, source, config, mapped);
+        let added = add_scans(&mut figures, &mut builder, source, scan_config, mapped);
         self.note(added.context("the log cannot be read again for the grid and the pictures"));
         let driven = result.relied_on().map(|(_, pose)| pose.position());
         let free = match builder.finish() {
@@ -119,12 +118,12 @@ fn add_scans(
     figures: &mut Figures<'_>,
     builder: &mut GridBuilder,
     source: &dyn LogSource,
-    config: &Config,
+    scan_config: &ScanConfig,
     mapped: &Outcome,
 ) -> anyhow::Result<()> {
     for (reading, estimate) in readings(source)?.zip(&mapped.result.poses) {
         if let ((_, LogEntry::Laser(reading)), Some(pose)) = (reading?, estimate.relied_on()) {
-            let scan = Scan::from_reading(&reading, config.scan.min_range, config.scan.max_range);
+            let scan = Scan::from_reading(&reading, scan_config);
             figures.add_scan(&scan, estimate.odom_from_robot, pose);
             builder.add_scan(&scan, reading.robot_from_laser, pose);
         }

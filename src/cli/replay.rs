@@ -55,9 +55,9 @@ mod with_recorder {
     use super::super::run::Job;
     use super::ReplayArgs;
     use anyhow::{bail, ensure};
-    use ipslam::config::Config;
+    use ipslam::config::{Config, SlamConfig};
     use ipslam::log::LogSource as _;
-    use ipslam::pipeline::{Outcome, RunInfo, Task};
+    use ipslam::pipeline::{Outcome, RunInfo};
     use ipslam::record::rerun::RerunObserver;
     use ipslam::record::rerun::read::{RecordedRun, RecordedStep};
     use ipslam::report::{Event, Observer, StageTimes};
@@ -72,11 +72,10 @@ mod with_recorder {
         let recorded = RecordedRun::open(&args.recording)?;
         let shown = args.recording.display();
         ensure!(!recorded.entries().is_empty(), "{shown}: it holds no log: nothing was recorded before it broke off");
-        ensure!(
-            recorded.info.task == Task::Mapping,
-            "{shown}: of a localisation; only what `ipslam run` recorded is replayed"
-        );
-        let config = args.config.over(recorded.info.config)?;
+        let Config::Slam(recorded_config) = recorded.info.config else {
+            bail!("{shown}: of a localisation; only what `ipslam run` recorded is replayed")
+        };
+        let config = args.config.over(recorded_config)?;
         let truth = args.truth.read()?;
         let mut outputs = Outputs::for_log(args.out.as_deref(), &format!("{}-replayed", recorded.name()))?;
         args.threads.start()?;
@@ -94,7 +93,7 @@ mod with_recorder {
                 eprintln!("{shown} was recorded by version {}: another version may differ", recorded.version);
             }
         }
-        let info = RunInfo { task: Task::Mapping, log: recorded.info.log.clone(), device, config };
+        let info = RunInfo { log: recorded.info.log.clone(), device, config: Config::Slam(config) };
 
         let replayed = Rc::new(RefCell::new(Replayed::default()));
         let mut observers: Vec<Box<dyn Observer>> = vec![Box::new(Listener(Rc::clone(&replayed)))];
@@ -103,7 +102,15 @@ mod with_recorder {
             observers.push(Box::new(RerunObserver::beside(&recorded, path, &info, args.record_level.into())?));
         }
         let smooth = recorded.result.is_none_or(|result| result.is_smoothed);
-        let job = Job { source: &recorded, info: &info, max_scans: None, truth: &truth, smooth, quiet: args.json };
+        let job = Job {
+            source: &recorded,
+            info: &info,
+            config: &config,
+            max_scans: None,
+            truth: &truth,
+            smooth,
+            quiet: args.json,
+        };
         let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
         drop(observers);
         let replayed = replayed.take();
@@ -114,7 +121,7 @@ mod with_recorder {
             println!("identical bit for bit: {} steps and {what}", recorded.steps.len());
             return Ok(outputs.errors);
         }
-        let comparison = Comparison::new(&recorded, &config, &replayed, &mapped, &info);
+        let comparison = Comparison::new(&recorded, [&recorded_config, &config], &replayed, &mapped, &info);
         outputs.write("comparison.json", format!("{:#}\n", comparison.json()).as_bytes());
         let text = if args.json { format!("{:#}\n", comparison.json()) } else { format!("\n{}", comparison.table()) };
         let _ = std::io::stdout().write_all(text.as_bytes());
@@ -178,14 +185,14 @@ mod with_recorder {
 
     struct Side<'a> {
         device: &'a str,
-        config: &'a Config,
+        config: &'a SlamConfig,
         steps: &'a [RecordedStep],
     }
 
     impl<'a> Comparison<'a> {
         fn new(
             recorded: &'a RecordedRun,
-            config: &'a Config,
+            [recorded_config, config]: [&'a SlamConfig; 2],
             replayed: &'a Replayed,
             mapped: &Outcome,
             info: &'a RunInfo,
@@ -203,7 +210,7 @@ mod with_recorder {
             let mean = distances.iter().sum::<f64>() / distances.len().max(1) as f64;
             let apart = (!distances.is_empty()).then(|| (mean, distances.iter().copied().fold(0.0, f64::max)));
             Self {
-                recorded: Side { device: &recorded.info.device, config: &recorded.info.config, steps: was },
+                recorded: Side { device: &recorded.info.device, config: recorded_config, steps: was },
                 replayed: Side { device: &info.device, config, steps: is },
                 first_difference,
                 apart,

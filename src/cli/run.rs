@@ -10,10 +10,10 @@ use super::recording::RecordingArgs;
 use super::summary::Summary;
 use super::truth::{Truth, TruthArgs};
 use anyhow::{Context as _, anyhow};
-use ipslam::config::Config;
+use ipslam::config::{Config, SlamConfig};
 use ipslam::evaluator::Evaluator;
 use ipslam::log::LogSource;
-use ipslam::pipeline::{Counts, End, Outcome, Run, RunInfo, Task};
+use ipslam::pipeline::{Counts, End, Outcome, Run, RunInfo};
 use ipslam::report::Observer;
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
@@ -63,7 +63,7 @@ impl ThreadArgs {
 
 /// Maps the log. What went wrong while the run could go on is returned as a list, and what ended it as the error.
 pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
-    let config = args.config.over(Config::default())?;
+    let config = args.config.over(SlamConfig::default())?;
     let truth = args.truth.read()?;
     let source = args.source()?;
     source.open()?;
@@ -71,10 +71,17 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     args.threads.start()?;
     interrupt::watch()?;
     let Chosen { evaluator, name: device } = args.backend.choose()?;
-    let info = RunInfo { task: Task::Mapping, log: source.name(), device, config };
+    let info = RunInfo { log: source.name(), device, config: Config::Slam(config) };
     let mut observers = args.recording.observers(&info)?;
-    let job =
-        Job { source: &*source, info: &info, max_scans: args.max_scans, truth: &truth, smooth: true, quiet: false };
+    let job = Job {
+        source: &*source,
+        info: &info,
+        config: &config,
+        max_scans: args.max_scans,
+        truth: &truth,
+        smooth: true,
+        quiet: false,
+    };
     let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
     args.nothing_mapped(&mapped)?;
     Ok(outputs.errors)
@@ -95,6 +102,8 @@ fn progress_message(counts: &Counts, seconds: f64) -> String {
 pub struct Job<'a> {
     pub source: &'a dyn LogSource,
     pub info: &'a RunInfo,
+    /// That of the information.
+    pub config: &'a SlamConfig,
     /// End after so many laser readings.
     pub max_scans: Option<u64>,
     pub truth: &'a Truth<'a>,
@@ -112,13 +121,13 @@ impl Job<'_> {
         observers: &mut [Box<dyn Observer + '_>],
         outputs: &mut Outputs,
     ) -> anyhow::Result<Outcome> {
-        let RunInfo { log: name, device, config, .. } = self.info;
+        let (RunInfo { log: name, device, .. }, config) = (self.info, self.config);
         eprintln!("mapping {name}: {} particles in {} maps on the {device}", config.particles, config.maps);
         let mut slam = match evaluator {
             Some(evaluator) => Slam::with_evaluator(*config, evaluator),
             None => Slam::new(*config),
         };
-        let smoothing = self.smooth.then_some(config);
+        let smoothing = self.smooth.then(|| config.smoother());
         let run = Run { max_scans: self.max_scans, smoothing, ..Run::of(self.source) };
         let mut mapped = run_with_bar(&run, &mut slam, observers, progress_message)?;
         for failure in observers.iter().filter_map(|observer| observer.failure()) {
@@ -131,7 +140,7 @@ impl Job<'_> {
     }
 
     fn write(&self, mapped: &mut Outcome, outputs: &mut Outputs) -> anyhow::Result<()> {
-        let RunInfo { log: name, device, config, .. } = self.info;
+        let (RunInfo { log: name, device, .. }, config) = (self.info, self.config);
         let smoothed = std::mem::replace(&mut mapped.smoothing, Ok(()));
         outputs
             .note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
@@ -141,7 +150,7 @@ impl Job<'_> {
         outputs.write("config.toml", toml::to_string(config)?.as_bytes());
         let (report, truth) = self.truth.score(&trajectory_path, &trajectory, &mapped.truth);
         let began = Instant::now();
-        let map_bytes = outputs.look_again(self.source, config, mapped, &truth);
+        let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth);
         let drawing_seconds = began.elapsed().as_secs_f64();
         let summary = Summary { name, device, mapped, config, map_bytes, drawing_seconds, report: &report };
         outputs.write("summary.json", format!("{:#}\n", summary.json()?).as_bytes());

@@ -1,7 +1,7 @@
 //! What a run tells of itself: `summary.json`, and the same as a short table.
 
 use super::eval::Report;
-use ipslam::config::Config;
+use ipslam::config::SlamConfig;
 use ipslam::pipeline::{End, Outcome};
 use ipslam::report::StageTimes;
 use serde_json::{Value, json};
@@ -17,7 +17,7 @@ pub struct Summary<'a> {
     pub name: &'a str,
     pub device: &'a str,
     pub mapped: &'a Outcome,
-    pub config: &'a Config,
+    pub config: &'a SlamConfig,
     pub map_bytes: usize,
     pub drawing_seconds: f64,
     pub report: &'a Report<'a>,

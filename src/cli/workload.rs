@@ -1,5 +1,6 @@
 //! Work of any size to measure evaluators by, and what the processor could do at best.
 
+use ipslam::ablation::Latent;
 use ipslam::evaluator::cholesky::Cholesky;
 use ipslam::evaluator::cpu::cull::{Candidates, LocalMap};
 use ipslam::evaluator::cpu::{View, advance_all, weigh_all};
@@ -24,6 +25,9 @@ use web_time::{Duration, Instant};
 /// the maximum over the clusters (1). An absolute value counts for nothing.
 pub const FLOP: f64 = 15.0;
 
+/// Walls of poses that move are at least as thick \[m\].
+const CAPTURE_SIGMA: f32 = 0.15;
+
 /// One cloud of particles in one map, and a scan.
 #[derive(Debug)]
 pub struct Workload {
@@ -42,7 +46,7 @@ impl Workload {
         let mut pool = Pool::default();
         let entry = |&cluster: &Cluster| MapCluster { cluster, last_step: 0, sightings: 1 };
         let slots: Vec<Slot> = walls.iter().map(|cluster| pool.insert(entry(cluster))).collect();
-        let mut table = ClusterTable::new(LikelihoodConfig::default());
+        let mut table = ClusterTable::new(LikelihoodConfig::default(), Latent::Uniform, CAPTURE_SIGMA.into());
         table.update(&mut pool, Pose::IDENTITY);
         let tiles = tiles(&scan(&walls, points), usize::MAX);
         let maps = [table.near(&slots, 0.0, 0.0, reach(&tiles) + 1.0)];
@@ -121,7 +125,7 @@ impl Workload {
             step: 0,
             motion: [0.1, 0.0, 0.02],
             noise: Cholesky([0.01, 0.0, 0.01, 0.0, 0.0, 0.01]),
-            capture_sigma: LikelihoodConfig::default().capture_sigma as f32,
+            capture_sigma: CAPTURE_SIGMA,
         };
         let moved = |advanced: Vec<Weighed>| advanced.into_iter().map(|weighed| weighed.log_likelihood);
         let mut weighed = evaluator.weigh(&self.scene(), &self.poses)?;

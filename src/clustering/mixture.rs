@@ -1,6 +1,6 @@
 //! A mixture of PPCA models refined by EM (Tipping & Bishop 1999, section 3; III-A and III-B of the paper).
 
-use super::ClusteringConfig;
+use super::{ClusteringConfig, EM_ITERATIONS};
 use crate::ppca::{Cluster, Moments};
 use nalgebra::Point2;
 
@@ -54,7 +54,7 @@ pub fn refine(points: &[Point2<f64>], groups: &[Vec<usize>], config: &Clustering
         .collect();
     let mut before = f64::NEG_INFINITY;
     let mut joint = Vec::new();
-    for _ in 0..config.em_iterations {
+    for _ in 0..EM_ITERATIONS {
         let mut moments = vec![Moments::default(); components.len()];
         let mut total = 0.0;
         for &point in points {

@@ -9,49 +9,36 @@
 //! Input: points in any frame \[m\]. Output: clusters in that frame. PPCA is equivariant under rigid motion, so a scan
 //! is clustered once, in the robot's frame, for all particles.
 
+use crate::parameters::parameters;
 use crate::ppca::Cluster;
 use nalgebra::Point2;
-use serde::{Deserialize, Serialize};
 
 pub mod anderson_darling;
 mod mixture;
 mod split;
 
-/// How points become clusters.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ClusteringConfig {
-    /// Split where A*² is above this. The paper's 1.035 is the 1 % point of the test.
-    pub normality_threshold: f64,
-    /// Split also what is thicker than this standard deviation across \[m\]; infinite in the paper. A corner or a curve
-    /// of few points can pass for normal along its principal component and still be no line.
-    pub max_across: f64,
-    /// The fewest points of a cluster; smaller ones are dropped with their points.
-    pub min_points: usize,
-    /// Laser noise \[m\]: no standard deviation of a cluster is taken to be smaller while points are shared out.
-    pub noise: f64,
-    /// A cluster with a longer stretch without points is several \[m\]; infinite in the paper. Things that happen to
-    /// lie on one line are no wall.
-    pub max_gap: f64,
-    /// At most this many rounds of EM; 0 leaves the G-means clusters as they are.
-    pub em_iterations: usize,
-    /// Points are outliers where less than this share of a cluster's own points would lie further out (1 %).
-    pub outlier_probability: f64,
-}
-
-impl Default for ClusteringConfig {
-    fn default() -> Self {
-        Self {
-            normality_threshold: 1.035,
-            max_across: 0.02,
-            min_points: 3,
-            noise: 0.01,
-            max_gap: 0.4,
-            em_iterations: 10,
-            outlier_probability: 0.01,
-        }
+parameters! {
+    /// How points become clusters.
+    pub struct ClusteringConfig {
+        /// The fewest points of a cluster; smaller ones are dropped with their points.
+        min_points: usize = 3, in 2.0..=1e6;
+        /// Split also what is thicker than this standard deviation across \[m\]; infinite in the paper. A corner or a curve
+        /// of few points can pass for normal along its principal component and still be no line.
+        max_across: f64 = 0.02, in 0.0..=f64::INFINITY;
+        /// A cluster with a longer stretch without points is several \[m\]; infinite in the paper. Things that happen to
+        /// lie on one line are no wall.
+        max_gap: f64 = 0.4, in 0.0..=f64::INFINITY;
+        /// Laser noise \[m\]: no standard deviation of a cluster is taken to be smaller while points are shared out.
+        noise: f64 = 0.01, in 1e-6..=1e3;
     }
 }
+
+/// Split where A*² is above this: the paper's 1.035, the 1 % point of the test.
+const NORMALITY_THRESHOLD: f64 = 1.035;
+/// At most this many rounds of EM; it has converged after fewer in nearly all scans.
+const EM_ITERATIONS: usize = 10;
+/// Points are outliers where less than this share of a cluster's own points would lie further out: 1 %, as for the test.
+const OUTLIER_PROBABILITY: f64 = 0.01;
 
 /// Clusters of a set of points and who belongs to whom.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -71,7 +58,7 @@ pub fn cluster_points(points: &[Point2<f64>], config: &ClusteringConfig) -> Clus
 
     let mut members = vec![Vec::new(); components.len()];
     // A Gaussian of the plane holds 1 - exp(-m²/2) of its points within the Mahalanobis distance m.
-    let outlier_distance2 = -2.0 * config.outlier_probability.ln();
+    let outlier_distance2 = -2.0 * OUTLIER_PROBABILITY.ln();
     for (&index, &point) in finite.iter().zip(&kept) {
         if let Some(best) = mixture::most_likely(&components, point)
             && mixture::mahalanobis2(&components[best], point) <= outlier_distance2

@@ -1,6 +1,6 @@
 //! G-means: how many clusters, and a first assignment of the points (III-B).
 
-use super::{ClusteringConfig, anderson_darling};
+use super::{ClusteringConfig, NORMALITY_THRESHOLD, anderson_darling};
 use crate::ppca::{Cluster, Moments};
 use nalgebra::Point2;
 
@@ -49,7 +49,7 @@ fn halves(points: &[Point2<f64>], group: &[usize], config: &ClusteringConfig) ->
     }
     let between = centres[1] - centres[0];
     let mut projected: Vec<f64> = group.iter().map(|&i| between.dot(&points[i].coords)).collect();
-    let normal = anderson_darling::corrected_statistic(&mut projected) <= config.normality_threshold;
+    let normal = anderson_darling::corrected_statistic(&mut projected) <= NORMALITY_THRESHOLD;
     let thin = whole.across_variance <= config.max_across * config.max_across;
     if normal && thin {
         return None;

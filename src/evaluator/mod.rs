@@ -23,9 +23,9 @@
 
 use crate::gpu::DeviceError;
 use crate::map::Slot;
+use crate::parameters::parameters;
 use crate::random::Draw;
 use pose::LocalPose;
-use serde::{Deserialize, Serialize};
 use table::ClusterTable;
 use tiles::Tile;
 
@@ -39,24 +39,22 @@ pub mod pose;
 pub mod table;
 pub mod tiles;
 
-/// How particles are proposed.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ProposalConfig {
-    /// At most this many Gauss-Newton steps; 0 proposes from the odometry alone, as in the paper.
-    pub iterations: u32,
-    /// Draws spread this many times as wide as the Laplace approximation of a posterior whose points err
-    /// independently; neighbouring points do not, and what the map has wrong they have wrong together.
-    pub spread: f64,
-    /// Starts a look for the robot between steps, drawn from the motion model.
-    pub tracking_starts: u32,
-}
-
-impl Default for ProposalConfig {
-    fn default() -> Self {
-        Self { iterations: 6, spread: 2.0, tracking_starts: 24 }
+parameters! {
+    /// How particles are proposed.
+    pub struct ProposalConfig {
+        /// At most this many Gauss-Newton steps; 0 proposes from the odometry alone, as in the paper.
+        iterations: u32 = ITERATIONS, in 0.0..=1e4;
+        /// No standard deviation across a wall is taken to be smaller in the first steps of a climb \[m\]: how far off a
+        /// wall is still found.
+        capture_sigma: f64 = 0.15, in 1e-6..=1e3;
+        /// Draws spread this many times as wide as the Laplace approximation of a posterior whose points err
+        /// independently; neighbouring points do not, and what the map has wrong they have wrong together.
+        spread: f64 = 2.0, in 0.0..=1e3;
     }
 }
+
+/// Gauss-Newton steps of a climb: most converge in fewer.
+pub const ITERATIONS: u32 = 6;
 
 /// What all particles of a step look at.
 #[derive(Clone, Copy, Debug)]

@@ -3,6 +3,7 @@
 //! Rows are relative to an anchor near the robot, so that a map kilometres from the origin keeps its millimetres. When
 //! the robot has gone too far from it, the anchor follows and all rows are written anew.
 
+use crate::ablation::Latent;
 use crate::geometry::Pose;
 use crate::likelihood::{ClusterParams, LikelihoodConfig};
 use crate::map::{Pool, Slot};
@@ -16,6 +17,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 #[derive(Debug)]
 pub struct ClusterTable {
     likelihood: LikelihoodConfig,
+    latent: Latent,
+    max_capture_sigma: f64,
     anchor: Point2<f64>,
     rows: Vec<ClusterParams>,
     circles: Vec<Circle>,
@@ -58,11 +61,13 @@ struct Circle {
 const MAX_OFF: f64 = 16.0;
 
 impl ClusterTable {
-    /// A table without rows; no wall in it will be thicker than the `capture_sigma` of the likelihood or itself.
-    pub fn new(likelihood: LikelihoodConfig) -> Self {
+    /// A table without rows; walls will be thickened to at most `max_capture_sigma` \[m\].
+    pub fn new(likelihood: LikelihoodConfig, latent: Latent, max_capture_sigma: f64) -> Self {
         static TABLES: AtomicU64 = AtomicU64::new(0);
         Self {
             likelihood,
+            latent,
+            max_capture_sigma,
             anchor: Point2::origin(),
             rows: Vec::new(),
             circles: Vec::new(),
@@ -89,7 +94,7 @@ impl ClusterTable {
             .into_par_iter()
             .map(|slot| {
                 let cluster = &pool.get(slot).cluster;
-                let row = ClusterParams::new(cluster, self.anchor, &self.likelihood);
+                let row = ClusterParams::new(cluster, self.anchor, &self.likelihood, self.latent);
                 (slot as usize, row, self.circle(cluster, row))
             })
             .collect();
@@ -109,7 +114,7 @@ impl ClusterTable {
         // Across, it reaches further the thicker it is, until its peak is half a nat above an outlier:
         // d/dσ of σ² (ln peak - ln outlier) = 0.
         let furthest = metres(FRAC_1_SQRT_2, row.across) * (row.log_peak - self.log_outlier() - 0.5).exp();
-        let thick = row.thickened(furthest.min(self.likelihood.capture_sigma as f32));
+        let thick = row.thickened(furthest.min(self.max_capture_sigma as f32));
         let across = metres(reach(thick), thick.across);
         // Its whole length in any case: who looks for walls to match needs those that explain nothing, too.
         let radius = along.hypot(across).max(0.5 * cluster.length() as f32);
@@ -143,7 +148,7 @@ impl ClusterTable {
     }
 
     /// Those of these slots that can explain a point within `reach` \[m\] of a place, in their order, even where walls are
-    /// thickened to the `capture_sigma` of the likelihood or less.
+    /// thickened, up to the `max_capture_sigma` of the table.
     pub fn near(&self, slots: &[Slot], x: f32, y: f32, reach: f32) -> Vec<Slot> {
         let is_near = |slot: &Slot| {
             let circle = &self.circles[*slot as usize];

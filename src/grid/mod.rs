@@ -2,7 +2,7 @@
 //!
 //! The filter's map is clusters; a grid is what other programs read, what tells where there is *nothing*, and what a
 //! map drawn elsewhere comes as. In: scans with poses ([`GridBuilder`]), or a file. Out: an [`OccupancyGrid`], from it
-//! the [`FreeArea`] where a robot can be, and the walls as line clusters ([`clusters`]). The way back is [`drawn()`].
+//! the [`FreeArea`] where a robot can be, and the walls as line clusters . The way back is [`drawn()`].
 
 use crate::geometry::Pose;
 use nalgebra::Point2;
@@ -10,12 +10,10 @@ use nalgebra::Point2;
 mod builder;
 mod drawn;
 mod free;
-mod walls;
 
 pub use builder::GridBuilder;
 pub use drawn::drawn;
 pub use free::FreeArea;
-pub use walls::clusters;
 
 /// Side of a cell where nothing else is asked for \[m\].
 pub const RESOLUTION: f64 = 0.05;
@@ -144,7 +142,7 @@ impl OccupancyGrid {
     }
 
     /// Columns and rows of all cells of a kind.
-    fn places(&self, kind: Cell) -> impl Iterator<Item = [i64; 2]> + '_ {
+    pub(crate) fn places(&self, kind: Cell) -> impl Iterator<Item = [i64; 2]> + '_ {
         let width = self.width as usize;
         let found = self.cells.iter().enumerate().filter(move |(_, cell)| **cell == kind);
         found.map(move |(index, _)| [(index % width) as i64, (index / width) as i64])

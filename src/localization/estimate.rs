@@ -76,6 +76,12 @@ pub(super) fn best_known(times: f64) -> Matrix3<f64> {
     Matrix3::from_diagonal(&BEST_KNOWN.map(|sigma| (times * sigma).powi(2)))
 }
 
+/// The robot is located where one cloud has this share of the weight: 95 % confidence.
+const LOCATED_WEIGHT: f64 = 0.95;
+/// The robot is located once all has been well for about this many steps, two metres of way: rooms look alike, but not the
+/// way from one to the next.
+const LOCATED_STEPS: u32 = 6;
+
 /// Steps at which the pose could be relied on, less those at which it could not; up to twice as many as are wanted.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Trust {
@@ -86,11 +92,10 @@ impl Trust {
     /// Judges the estimate of a step: the share of the weight that its cloud has, the share of the scan that the map explains
     /// from there, and whether the robot can have come there.
     pub fn judge(&mut self, weight: f64, explained: f64, is_expected: bool, config: &LocalizationConfig) -> Confidence {
-        let LocalizationConfig { located_weight, located_explained, located_steps, .. } = *config;
-        let is_good = weight >= located_weight && explained >= located_explained && is_expected;
+        let is_good = weight >= LOCATED_WEIGHT && explained >= config.located_explained && is_expected;
         // A bad step costs a good one, so that a moment of doubt is no new start.
         let good = if is_good { self.good_steps + 1 } else { self.good_steps.saturating_sub(1) };
-        self.good_steps = good.min(located_steps.saturating_mul(2));
-        Confidence { weight, explained, is_located: is_good && self.good_steps >= located_steps }
+        self.good_steps = good.min(2 * LOCATED_STEPS);
+        Confidence { weight, explained, is_located: is_good && self.good_steps >= LOCATED_STEPS }
     }
 }

@@ -10,13 +10,12 @@
 //! - The estimate is not the mean of the particles but the top of the posterior around their heaviest cloud, climbed to in
 //!   the map as it is ([`Evaluator::propagate`]); `estimate` tells when it can be relied on.
 
-use crate::config::Config;
 use crate::evaluator::cholesky::{Cholesky, packed, unpacked};
 use crate::evaluator::failover::Failover;
 use crate::evaluator::grouping::sort_by_place;
 use crate::evaluator::pose::LocalPose;
 use crate::evaluator::tiles::{Tile, reach, tiles};
-use crate::evaluator::{Advance, Evaluator, Mode, Propagation, Scene, Start, Weighed, best_mode};
+use crate::evaluator::{Advance, Evaluator, ITERATIONS, Mode, Propagation, Scene, Start, Weighed, best_mode};
 use crate::filter::kld::{SampleSize, sample_size};
 use crate::filter::recovery::Recovery;
 use crate::filter::resampling::resample;
@@ -34,55 +33,14 @@ use crate::report::{
 use crate::scan::Scan;
 use estimate::{BEST_KNOWN, Cloud, Trust, best_known, is_plausible};
 use nalgebra::{Matrix3, Point2};
-use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 use walls::Walls;
 
+pub use config::LocalizationConfig;
+
+mod config;
 mod estimate;
 mod walls;
-
-/// How a robot is found in a known map.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LocalizationConfig {
-    /// Most particles.
-    pub max_particles: usize,
-    /// Fewest particles.
-    pub min_particles: usize,
-    /// Log-likelihoods are multiplied by this, in place of
-    /// [`LikelihoodConfig::temper`](crate::likelihood::LikelihoodConfig::temper): places that look alike are told
-    /// apart by what comes after them, so both have to be kept till then.
-    pub temper: f64,
-    /// Smallest standard deviation across a wall while particles are weighed \[m\].
-    pub min_sigma: f64,
-    /// Largest standard deviation across a wall while particles are weighed \[m\]. In between it is half the distance of
-    /// neighbouring particles: fewer do not come closer to the true pose, and one that came close to a wrong one by chance
-    /// would win.
-    pub max_sigma: f64,
-    /// The robot is located where one cloud of particles has this share of the weight.
-    pub located_weight: f64,
-    /// The robot is located where the map explains this share of what it could explain of the scan at best, less the share
-    /// of the points that are behind its walls.
-    pub located_explained: f64,
-    /// The robot is located once both have been so for about this many steps, at poses that it can have moved between: rooms
-    /// look alike, but not the way from one to the next.
-    pub located_steps: u32,
-}
-
-impl Default for LocalizationConfig {
-    fn default() -> Self {
-        Self {
-            max_particles: 100_000,
-            min_particles: 1000,
-            temper: 0.01,
-            min_sigma: 0.1,
-            max_sigma: 0.5,
-            located_weight: 0.95,
-            located_explained: 0.6,
-            located_steps: 6,
-        }
-    }
-}
 
 /// Where the robot is believed to be at first.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,7 +68,7 @@ pub enum LocalizationError {
 /// The filter.
 #[derive(Debug)]
 pub struct Localization {
-    config: Config,
+    config: LocalizationConfig,
     free: FreeArea,
     walls: Walls,
     evaluator: Failover,
@@ -149,11 +107,18 @@ struct Drawn {
 
 /// Size of a bin of KLD sampling, and of the search for the heaviest cloud \[m, m, rad\].
 const BIN: [f64; 3] = [0.5, 0.5, PI / 18.0];
+/// Smallest standard deviation across a wall while particles are weighed \[m\]: a cell of KLD sampling holds many particles,
+/// and what walls are known to is far less than what lies between two of them.
+const MIN_SIGMA: f64 = 0.1;
+/// Largest standard deviation across a wall while particles are weighed \[m\]: a bin of KLD sampling. In between it is half
+/// the distance of neighbouring particles: fewer do not come closer to the true pose, and one that came close to a wrong one
+/// by chance would win.
+const MAX_SIGMA: f64 = 0.5;
 /// A wall so far off \[m\] moves by as much when the robot turns as when it steps.
 const LEVER: f64 = 5.0;
 
 impl Localization {
-    /// A filter that has seen nothing, with a configuration that [`Config::validate`] accepts. The map and the initial pose
+    /// A filter that has seen nothing, with a configuration that [`LocalizationConfig::validate`] accepts. The map and the initial pose
     /// are in the world's frame; without an initial pose the robot may be anywhere in the free area. Without an evaluator,
     /// or where it fails, the CPU does its work.
     ///
@@ -162,7 +127,7 @@ impl Localization {
     pub fn new(
         map: LineMap,
         initial: Option<InitialPose>,
-        config: Config,
+        config: LocalizationConfig,
         evaluator: Option<Box<dyn Evaluator>>,
     ) -> Result<Self, LocalizationError> {
         let free = map.free.ok_or(LocalizationError::NoFreeArea)?;
@@ -175,10 +140,10 @@ impl Localization {
             walls: Walls::new(map.clusters, &config),
             evaluator: Failover::new(evaluator),
             particles: Vec::new(),
-            capture_sigma: config.localization.max_sigma,
+            capture_sigma: MAX_SIGMA,
             trust: Trust::default(),
             // As if scans had been just good enough.
-            recovery: Recovery::new(config.localization.located_explained),
+            recovery: Recovery::new(config.located_explained),
             last: None,
             estimates: Vec::new(),
             steps: 0,
@@ -204,7 +169,7 @@ impl Localization {
         let mut times = std::mem::take(&mut self.times);
         timed(&mut times.track, || self.track(&tiles));
         self.times = times;
-        if self.steps == 0 || !self.config.filter.is_too_near(self.tracked.mean) {
+        if self.steps == 0 || !self.config.tracking.is_too_near(self.tracked.mean) {
             self.step(scan, &tiles, odom_from_robot, observe);
         }
     }
@@ -222,7 +187,7 @@ impl Localization {
     fn step(&mut self, scan: &Scan, tiles: &[Tile], odom_from_robot: Pose, observe: &mut dyn FnMut(&Event<'_>)) {
         let mut times = std::mem::take(&mut self.times);
         let weighed = timed(&mut times.weigh, || self.predict_and_weigh(tiles));
-        let temper = self.config.localization.temper;
+        let temper = self.config.temper;
         let log_weights: Vec<f64> = weighed.iter().map(|w| temper * f64::from(w.log_likelihood)).collect();
         let weights = normalised(&log_weights);
         let located = timed(&mut times.estimate, || self.estimate(&Cloud::heaviest(&weighed, &weights), tiles));
@@ -295,9 +260,9 @@ impl Localization {
         // Its few particles may lie in one place.
         let mode = self.climb(cloud.mean, &(cloud.covariance + best_known(1.0)), tiles);
         let world_from_robot = mode.pose.in_world(self.walls.table.anchor());
-        let explained = self.walls.explained(world_from_robot, f64::from(mode.log_likelihood), tiles, &self.config);
+        let explained = self.walls.explained(world_from_robot, f64::from(mode.log_likelihood), tiles);
         let is_expected = self.is_expected(world_from_robot);
-        let confidence = self.trust.judge(cloud.weight, explained, is_expected, &self.config.localization);
+        let confidence = self.trust.judge(cloud.weight, explained, is_expected, &self.config);
         Located { world_from_robot, confidence }
     }
 
@@ -311,12 +276,12 @@ impl Localization {
             step: self.scans,
             draw: Draw::Tracking,
             starts: &[Start { mean, prior: mean }],
-            particles_a_map: self.config.proposal.tracking_starts.max(1) as usize,
+            particles_a_map: self.config.tracking.starts.max(1) as usize,
             // Where it is expected.
             exact_first: true,
             noise: Cholesky::of_covariance(covariance),
             prior_information: packed(&information),
-            iterations: self.config.proposal.iterations.max(1),
+            iterations: ITERATIONS,
             capture_sigma: self.capture_sigma as f32,
             spread: 0.0,
         };
@@ -363,7 +328,7 @@ impl Localization {
 
     /// So many of these particles are enough for the bins that they fall in.
     fn sample_size(&self, particle: impl Fn(u32) -> LocalPose) -> SampleSize {
-        let LocalizationConfig { max_particles, min_particles, .. } = self.config.localization;
+        let LocalizationConfig { max_particles, min_particles, .. } = self.config;
         sample_size(min_particles, max_particles, |number| bin(particle(number)))
     }
 
@@ -371,9 +336,8 @@ impl Localization {
     /// parent of each.
     fn take(&mut self, Drawn { mut particles, bins }: Drawn) -> Vec<u32> {
         sort_by_place(&mut particles, |particle| particle.0);
-        let LocalizationConfig { min_sigma, max_sigma, .. } = self.config.localization;
         let volume = bins as f64 * BIN.iter().product::<f64>() / particles.len().max(1) as f64;
-        self.capture_sigma = (0.5 * (LEVER * volume).cbrt()).clamp(min_sigma, max_sigma);
+        self.capture_sigma = (0.5 * (LEVER * volume).cbrt()).clamp(MIN_SIGMA, MAX_SIGMA);
         let parents;
         (self.particles, parents) = particles.into_iter().unzip();
         parents
@@ -413,7 +377,7 @@ impl Estimator for Localization {
             }
             LogEntry::Laser(reading) => {
                 self.follow(reading.odom_from_robot);
-                let scan = Scan::from_reading(reading, self.config.scan.min_range, self.config.scan.max_range);
+                let scan = Scan::from_reading(reading, &self.config.scan);
                 observe(&Event::Scan(&scan));
                 self.add_scan(&scan, reading.odom_from_robot, observe);
                 (reading.stamp, reading.odom_from_robot)
@@ -463,7 +427,8 @@ mod tests {
     fn the_robot_is_expected_where_its_motion_leads_to() {
         let grid = OccupancyGrid::new(1.0, Pose::IDENTITY, 1, 1, vec![Cell::Free]).unwrap();
         let free = FreeArea::from_grid(&grid, []);
-        let mut filter = Localization::new(LineMap { clusters: room(), free }, None, Config::default(), None).unwrap();
+        let mut filter =
+            Localization::new(LineMap { clusters: room(), free }, None, LocalizationConfig::default(), None).unwrap();
         filter.walls.log_peak = -(0.01 * TAU.sqrt()).ln();
         assert!(filter.is_expected(Pose::new(100.0, 0.0, 0.0)), "nothing is known at first");
         let world_from_robot = Pose::new(5.0, 3.0, 3.1);
@@ -514,7 +479,7 @@ mod tests {
     fn filter(clusters: Vec<Cluster>, before: Pose) -> Localization {
         let grid = OccupancyGrid::new(1.0, Pose::IDENTITY, 6, 4, vec![Cell::Free; 24]).unwrap();
         let map = LineMap { clusters, free: FreeArea::from_grid(&grid, []) };
-        let mut filter = Localization::new(map, None, Config::default(), None).unwrap();
+        let mut filter = Localization::new(map, None, LocalizationConfig::default(), None).unwrap();
         let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: true };
         filter.last = Some(Located { world_from_robot: before, confidence });
         filter.trust.good_steps = 10;

@@ -1,6 +1,7 @@
 //! The walls of a known map, and how far they agree with a scan.
 
-use crate::config::Config;
+use super::{LocalizationConfig, MAX_SIGMA, MIN_SIGMA};
+use crate::ablation::Latent;
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::tiles::{Tile, reach};
 use crate::geometry::Pose;
@@ -25,13 +26,12 @@ pub(super) struct Walls {
 }
 
 impl Walls {
-    pub fn new(clusters: Vec<Cluster>, config: &Config) -> Self {
+    pub fn new(clusters: Vec<Cluster>, config: &LocalizationConfig) -> Self {
         let mut pool = Pool::default();
         for &cluster in &clusters {
             pool.insert(MapCluster { cluster, last_step: 0, sightings: 1 });
         }
-        let capture_sigma = config.localization.max_sigma;
-        let mut table = ClusterTable::new(LikelihoodConfig { capture_sigma, ..config.likelihood });
+        let mut table = ClusterTable::new(config.likelihood, Latent::Uniform, MAX_SIGMA);
         // Particles may be anywhere, so the anchor is near the middle of the map and stays there.
         table.update(&mut pool, middle(&clusters));
         let log_peak = log_peak(&clusters, &config.likelihood);
@@ -40,22 +40,22 @@ impl Walls {
 
     /// Share of what the map could explain of a scan at best that it does explain from a pose, less the share of the points
     /// that are behind its walls: 0 to 1. `log_likelihood` is that of the scan there (eq. 18).
-    pub fn explained(&self, world_from_robot: Pose, log_likelihood: f64, tiles: &[Tile], config: &Config) -> f64 {
+    pub fn explained(&self, world_from_robot: Pose, log_likelihood: f64, tiles: &[Tile]) -> f64 {
         let points: f64 = tiles.iter().map(|tile| f64::from(tile.count)).sum();
         let log_outlier = f64::from(self.table.log_outlier());
         let most = points * (self.log_peak - log_outlier);
         let gained = log_likelihood - points * log_outlier;
         let share = if most > 0.0 { gained / most } else { 0.0 };
-        let behind = self.points_behind(world_from_robot, tiles, config.localization.min_sigma);
+        let behind = self.points_behind(world_from_robot, tiles);
         (share - behind as f64 / points).clamp(0.0, 1.0)
     }
 
     /// How many points are behind a wall, seen from here. The likelihood (eq. 18) does not ask what is between the robot and
     /// a point; a place that only looks like the right one is given away by it.
-    fn points_behind(&self, world_from_robot: Pose, tiles: &[Tile], min_sigma: f64) -> usize {
+    fn points_behind(&self, world_from_robot: Pose, tiles: &[Tile]) -> usize {
         let (robot, reach) = (world_from_robot.position(), f64::from(reach(tiles)));
         let walls: Vec<&Cluster> = self.clusters.iter().filter(|wall| wall.may_be_within(reach, robot)).collect();
-        let is_behind = |point: &Point2<f64>| walls.iter().any(|wall| wall.separates(robot, *point, min_sigma));
+        let is_behind = |point: &Point2<f64>| walls.iter().any(|wall| wall.separates(robot, *point, MIN_SIGMA));
         tiles.iter().flat_map(Tile::points).map(|point| world_from_robot * point).filter(is_behind).count()
     }
 
@@ -66,7 +66,7 @@ impl Walls {
 }
 
 fn log_peak(clusters: &[Cluster], likelihood: &LikelihoodConfig) -> f64 {
-    let of = |cluster: &Cluster| ClusterParams::new(cluster, Point2::origin(), likelihood).log_peak;
+    let of = |cluster: &Cluster| ClusterParams::new(cluster, Point2::origin(), likelihood, Latent::Uniform).log_peak;
     let (mut length, mut sum) = (0.0, 0.0);
     for cluster in clusters {
         length += cluster.length();

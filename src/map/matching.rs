@@ -1,39 +1,21 @@
 //! Which clusters of a scan are which clusters of the map (III-D of the paper).
 
+use crate::ablation::MatchingRule;
+use crate::parameters::parameters;
 use crate::ppca::Cluster;
 use nalgebra::Point2;
-use serde::{Deserialize, Serialize};
 use std::borrow::Borrow;
 
-/// How scan clusters find their map clusters.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct MatchingConfig {
-    /// Which rule decides.
-    pub rule: MatchingRule,
-    /// Principal components further apart than this are not the same wall \[rad\]; 60° in the paper.
-    pub max_angle: f64,
-    /// Paper's rule: pairs further apart than this are not matched \[m\]. Collinear rule: the lines of a match are at
-    /// most this far apart \[m\], beyond what the clusters' own thickness explains.
-    pub max_distance: f64,
-    /// Collinear rule: the longest gap between the segments of a match \[m\].
-    pub max_gap: f64,
-}
-
-/// The rules of matching.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum MatchingRule {
-    /// III-D to the letter: two metrics, greedy, one to one.
-    Paper,
-    /// Each scan cluster goes to the map cluster whose line it lies on, several to one: a wall that a doorway or a
-    /// table cuts in two stays one wall.
-    Collinear,
-}
-
-impl Default for MatchingConfig {
-    fn default() -> Self {
-        Self { rule: MatchingRule::Collinear, max_angle: 20f64.to_radians(), max_distance: 0.1, max_gap: 0.3 }
+parameters! {
+    /// How scan clusters find their map clusters.
+    pub struct MatchingConfig {
+        /// Principal components further apart than this are not the same wall \[rad\]: 20°; 60° in the paper.
+        max_angle: f64 = 0.349_065_850_398_865_9, in 0.0..=f64::INFINITY;
+        /// Paper's rule: pairs further apart than this are not matched \[m\]. Collinear rule: the lines of a match are at
+        /// most this far apart \[m\], beyond what the clusters' own thickness explains.
+        max_distance: f64 = 0.1, in 0.0..=f64::INFINITY;
+        /// Collinear rule: the longest gap between the segments of a match \[m\].
+        max_gap: f64 = 0.3, in 0.0..=f64::INFINITY;
     }
 }
 
@@ -58,9 +40,14 @@ impl Circle {
 }
 
 /// For each scan cluster the index of its map cluster, if it has one. Both sets are in the world's frame.
-pub fn match_clusters<C: Borrow<Cluster>>(map: &[C], scan: &[Cluster], config: &MatchingConfig) -> Vec<Option<usize>> {
+pub fn match_clusters<C: Borrow<Cluster>>(
+    map: &[C],
+    scan: &[Cluster],
+    config: &MatchingConfig,
+    rule: MatchingRule,
+) -> Vec<Option<usize>> {
     let circles: Vec<Circle> = map.iter().map(|cluster| Circle::around(cluster.borrow())).collect();
-    match config.rule {
+    match rule {
         MatchingRule::Paper => greedy(map, &circles, scan, config),
         MatchingRule::Collinear => scan.iter().map(|cluster| most_collinear(map, &circles, cluster, config)).collect(),
     }

@@ -2,51 +2,25 @@
 
 use super::matching::{Circle, MatchingConfig, line_distance, match_clusters};
 use super::{MapCluster, Slot};
+use crate::ablation::{AblationConfig, MergingMethod};
+use crate::parameters::parameters;
 use crate::ppca::{Cluster, Moments};
-use serde::{Deserialize, Serialize};
 
-/// How a scan is merged into a map.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct MergingConfig {
-    /// How the parameters of a matched pair become one cluster's.
-    pub method: MergingMethod,
-    /// An unmatched cluster becomes part of the map only with at least this many points (III-E).
-    pub min_points: f64,
-    /// ... and with at most this standard deviation across \[m\] (III-E).
-    pub max_across: f64,
-    /// Map clusters that came to overlap become one, where the union is no thicker than `max_across`.
-    pub consolidate: bool,
-    /// Nats, before tempering, that a map's log-weight loses with each cluster that it grows by: of two maps that explain the scans as
-    /// well, the one that needs fewer walls is likelier. Where a loop closes, that is the one that recognised them.
-    pub cluster_cost: f64,
-    /// A cluster seen in fewer steps than this is clutter once `clutter_age` steps have passed; 0 keeps all.
-    pub min_sightings: u32,
-    /// Steps after which a cluster that was hardly ever seen is dropped.
-    pub clutter_age: u32,
-}
-
-/// The ways to merge two clusters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum MergingMethod {
-    /// Incremental PCA, eq. 15-16.
-    Incremental,
-    /// Moments add up, so the merged cluster is exactly the one of all points together; eq. 16 only tends to it.
-    Moments,
-}
-
-impl Default for MergingConfig {
-    fn default() -> Self {
-        Self {
-            method: MergingMethod::Moments,
-            min_points: 3.0,
-            max_across: 0.03,
-            consolidate: true,
-            cluster_cost: 3.0,
-            min_sightings: 3,
-            clutter_age: 30,
-        }
+parameters! {
+    /// How a scan is merged into a map.
+    pub struct MergingConfig {
+        /// An unmatched cluster becomes part of the map only with at least this many points (III-E).
+        min_points: f64 = 3.0, in 0.0..=f64::INFINITY;
+        /// An unmatched cluster becomes part of the map only with at most this standard deviation across \[m\] (III-E).
+        max_across: f64 = 0.03, in 0.0..=f64::INFINITY;
+        /// Nats, before tempering, that a map's log-weight loses with each cluster that it grows by: of two maps that explain
+        /// the scans as well, the one that needs fewer walls is likelier. Where a loop closes, that is the one that
+        /// recognised them.
+        cluster_cost: f64 = 3.0, in 0.0..=f64::INFINITY;
+        /// A cluster seen in fewer steps than this is clutter once `clutter_age` steps have passed; 0 keeps all.
+        min_sightings: u32 = 3, in 0.0..=f64::INFINITY;
+        /// Steps after which a cluster that was hardly ever seen is dropped.
+        clutter_age: u32 = 30, in 0.0..=f64::INFINITY;
     }
 }
 
@@ -98,15 +72,16 @@ pub fn merge_scan(
     step: u32,
     matching: &MatchingConfig,
     config: &MergingConfig,
+    ablation: &AblationConfig,
 ) -> MapChange {
     let map: Vec<&Cluster> = near.iter().map(|(_, entry)| &entry.cluster).collect();
-    let matches = match_clusters(&map, scan, matching);
+    let matches = match_clusters(&map, scan, matching, ablation.matching);
     let mut entries: Vec<Entry> =
         near.iter().map(|&(slot, entry)| Entry { slot: Some(slot), entry, state: State::Kept }).collect();
     for (cluster, matched) in scan.iter().zip(matches) {
-        let merged = matched.map(|index| (index, merge(&entries[index].entry.cluster, cluster, config.method)));
+        let merged = matched.map(|index| (index, merge(&entries[index].entry.cluster, cluster, ablation.merging)));
         if let Some((index, merged)) = merged
-            && (!config.consolidate || merged.across_variance <= config.max_across.powi(2))
+            && (!ablation.consolidate || merged.across_variance <= config.max_across.powi(2))
         {
             let entry = &mut entries[index];
             entry.entry.cluster = merged;
@@ -118,7 +93,7 @@ pub fn merge_scan(
             entries.push(Entry { slot: None, entry, state: State::Changed });
         }
     }
-    if config.consolidate {
+    if ablation.consolidate {
         consolidate(&mut entries, matching, config);
     }
     for entry in &mut entries {
@@ -156,9 +131,7 @@ pub fn consolidated(map: &[Cluster], matching: &MatchingConfig, config: &Merging
             Entry { slot: None, entry, state: State::Changed }
         })
         .collect();
-    if config.consolidate {
-        consolidate(&mut entries, matching, config);
-    }
+    consolidate(&mut entries, matching, config);
     entries.iter().filter(|e| e.state == State::Changed).map(|e| e.entry.cluster).collect()
 }
 

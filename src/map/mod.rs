@@ -6,8 +6,11 @@
 use crate::grid::FreeArea;
 use crate::ppca::Cluster;
 
+mod from_grid;
 pub mod matching;
 pub mod merging;
+
+pub use from_grid::clusters_of_grid;
 
 /// A map on its own: of a finished run, of a file, or known to localisation. In the world's frame.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -3,20 +3,44 @@
 
 #![allow(dead_code)] // Not every test needs all of it.
 
+use ipslam::ablation::Latent;
 use ipslam::geometry::Pose;
-use ipslam::likelihood::{Latent, LikelihoodConfig};
+use ipslam::likelihood::LikelihoodConfig;
 use ipslam::ppca::Cluster;
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 use std::f64::consts::TAU;
+use std::ops::Deref;
+
+/// How likely points are: the configuration of eq. 18, the distribution along a cluster, and how thick walls are at first.
+#[derive(Clone, Copy, Debug)]
+pub struct Likelihood {
+    pub config: LikelihoodConfig,
+    pub latent: Latent,
+    pub capture_sigma: f64,
+}
+
+impl Default for Likelihood {
+    fn default() -> Self {
+        Self { config: LikelihoodConfig::default(), latent: Latent::Uniform, capture_sigma: 0.15 }
+    }
+}
+
+impl Deref for Likelihood {
+    type Target = LikelihoodConfig;
+
+    fn deref(&self) -> &LikelihoodConfig {
+        &self.config
+    }
+}
 
 /// ln max p of one point of the world.
-pub fn slow_point(clusters: &[Cluster], point: Point2<f64>, config: &LikelihoodConfig) -> f64 {
+pub fn slow_point(clusters: &[Cluster], point: Point2<f64>, config: &Likelihood) -> f64 {
     let densities = clusters.iter().map(|cluster| slow_density(cluster, point, config));
     densities.fold(config.outlier_density.ln(), f64::max)
 }
 
 /// ln p of one point of the world in one cluster.
-pub fn slow_density(cluster: &Cluster, point: Point2<f64>, config: &LikelihoodConfig) -> f64 {
+pub fn slow_density(cluster: &Cluster, point: Point2<f64>, config: &Likelihood) -> f64 {
     let offset = point - cluster.mean;
     let [ux, uy] = [cluster.direction.x, cluster.direction.y];
     match config.latent {
@@ -42,7 +66,7 @@ pub fn slow_density(cluster: &Cluster, point: Point2<f64>, config: &LikelihoodCo
 }
 
 /// Σ max ln p over points of the robot's frame (eq. 18).
-pub fn slow(clusters: &[Cluster], pose: Pose, points: &[Point2<f64>], config: &LikelihoodConfig) -> f64 {
+pub fn slow(clusters: &[Cluster], pose: Pose, points: &[Point2<f64>], config: &Likelihood) -> f64 {
     points.iter().map(|&point| slow_point(clusters, pose * point, config)).sum()
 }
 
@@ -59,7 +83,7 @@ pub fn slow_climb(
     start: Pose,
     prior: (Pose, Matrix3<f64>),
     points: &[Point2<f64>],
-    config: &LikelihoodConfig,
+    config: &Likelihood,
     iterations: u32,
 ) -> Pose {
     let thick = thick(clusters, config.capture_sigma);
@@ -72,7 +96,7 @@ fn slow_steps(
     start: Pose,
     (mean, prior_information): (Pose, Matrix3<f64>),
     points: &[Point2<f64>],
-    config: &LikelihoodConfig,
+    config: &Likelihood,
     iterations: u32,
 ) -> Pose {
     const STEP: f64 = 1e-6;

@@ -1,6 +1,6 @@
 //! The whole filter on the first minute of a simulated drive, against the true path.
 
-use ipslam::config::Config;
+use ipslam::config::SlamConfig;
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::metrics::trajectory::reference_errors;
@@ -8,7 +8,6 @@ use ipslam::pipeline::Run;
 use ipslam::report::{Estimator as _, Event, RunResult};
 use ipslam::simulate::{Simulation, SimulationConfig, building};
 use ipslam::slam::Slam;
-use ipslam::smoothing::smooth;
 
 const SEED: u64 = 1;
 
@@ -17,11 +16,11 @@ fn simulation(seconds: f64) -> Simulation {
     Simulation::new("building".to_owned(), building(), config).unwrap()
 }
 
-fn few_maps() -> Config {
-    Config { maps: 8, particles: 8, ..Config::default() }
+fn few_maps() -> SlamConfig {
+    SlamConfig { maps: 8, particles: 8, ..SlamConfig::default() }
 }
 
-fn run(simulation: &Simulation, config: Config) -> RunResult {
+fn run(simulation: &Simulation, config: SlamConfig) -> RunResult {
     Run::of(simulation).run(&mut Slam::new(config), &mut [], &mut |_| true).unwrap().result
 }
 
@@ -58,7 +57,7 @@ fn a_minute_in_the_building_stays_close_to_the_truth() {
     assert!(absolute_error(&wrong, &truth) > ALLOWED, "a torn trajectory goes unnoticed");
 
     let clusters = result.map.clusters.len();
-    smooth(&simulation, &mut result, &few_maps()).unwrap();
+    few_maps().smoother().smooth(&simulation, &mut result).unwrap();
     let after = absolute_error(&result.trajectory(), &truth);
     println!(
         "seed {SEED}: ATE {before:.4} m, smoothed {after:.4} m; {clusters} clusters, then {}",
@@ -72,7 +71,7 @@ fn a_minute_in_the_building_stays_close_to_the_truth() {
 #[test]
 fn the_papers_filter_runs_to_the_end() {
     let simulation = simulation(10.0);
-    let config = Config { particles: 20, maps: 20, ..Config::paper() };
+    let config = SlamConfig { particles: 20, maps: 20, ..SlamConfig::paper() };
     let mut steps = 0;
     let mut slam = Slam::new(config);
     for entry in simulation.open().unwrap() {
@@ -96,9 +95,9 @@ fn threads_change_nothing() {
     let with_threads = |threads: usize, seed: u64| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let config = Config { seed, ..few_maps() };
+            let config = SlamConfig { seed, ..few_maps() };
             let mut result = run(&simulation, config);
-            smooth(&simulation, &mut result, &config).unwrap();
+            config.smoother().smooth(&simulation, &mut result).unwrap();
             result
         })
     };

@@ -1,7 +1,8 @@
 //! The evaluator, which computes in f32 near the robot, against eq. 9 and 18 in f64 in the world's frame.
 
-use crate::oracle::{slow, slow_density, slow_point, thick};
+use crate::oracle::{Likelihood, slow, slow_density, slow_point, thick};
 use crate::{normals, uniforms, wall};
+use ipslam::ablation::Latent;
 use ipslam::evaluator::cholesky::unpacked;
 use ipslam::evaluator::cpu::cull::{Candidates, LocalMap};
 use ipslam::evaluator::cpu::{Evaluation, View};
@@ -9,7 +10,7 @@ use ipslam::evaluator::pose::LocalPose;
 use ipslam::evaluator::table::ClusterTable;
 use ipslam::evaluator::tiles::{Tile, tiles};
 use ipslam::geometry::Pose;
-use ipslam::likelihood::{ClusterParams, Latent, LikelihoodConfig};
+use ipslam::likelihood::{ClusterParams, LikelihoodConfig};
 use ipslam::map::{MapCluster, Pool, Slot};
 use ipslam::ppca::Cluster;
 use nalgebra::{Point2, Vector2};
@@ -27,9 +28,9 @@ struct Near {
 }
 
 impl Near {
-    fn new(clusters: &[Cluster], pose: Pose, config: &LikelihoodConfig) -> Self {
+    fn new(clusters: &[Cluster], pose: Pose, config: &Likelihood) -> Self {
         let origin = pose.position().map(f64::round);
-        let params = clusters.iter().map(|cluster| ClusterParams::new(cluster, origin, config));
+        let params = clusters.iter().map(|cluster| ClusterParams::new(cluster, origin, config, config.latent));
         Self { map: LocalMap::new(params, config.log_outlier()), origin }
     }
 
@@ -86,10 +87,16 @@ fn scene(seed: u64, centre: Point2<f64>) -> Scene {
     Scene { clusters, pose, points }
 }
 
-fn configs() -> Vec<LikelihoodConfig> {
-    let uniform = LikelihoodConfig::default();
-    let normal = LikelihoodConfig { latent: Latent::Normal, sigma_floor: 0.01, outlier_density: 1e-8, ..uniform };
-    vec![uniform, LikelihoodConfig { sigma_floor: 0.15, ..uniform }, normal]
+fn configs() -> Vec<Likelihood> {
+    let config = LikelihoodConfig::default();
+    let floored = LikelihoodConfig { sigma_floor: 0.15, ..config };
+    let normal = LikelihoodConfig { sigma_floor: 0.01, outlier_density: 1e-8, ..config };
+    let uniform = Likelihood::default();
+    vec![
+        uniform,
+        Likelihood { config: floored, ..uniform },
+        Likelihood { config: normal, latent: Latent::Normal, ..uniform },
+    ]
 }
 
 #[test]
@@ -181,8 +188,10 @@ fn culling_never_changes_the_maximum() {
 fn vectors_compute_what_the_formula_says() {
     for (seed, config) in (0..10).flat_map(|seed| configs().into_iter().map(move |config| (seed, config))) {
         let Scene { clusters, pose, points } = scene(seed, Point2::origin());
-        let params: Vec<_> =
-            clusters.iter().map(|c| ClusterParams::new(c, pose.position().map(f64::round), &config)).collect();
+        let params: Vec<_> = clusters
+            .iter()
+            .map(|c| ClusterParams::new(c, pose.position().map(f64::round), &config, config.latent))
+            .collect();
         let near = Near::new(&clusters, pose, &config);
         for &point in &points {
             let moved = pose * point - near.origin.coords;
@@ -200,14 +209,15 @@ fn thick_walls_are_walls_with_more_variance_across() {
     let mut left_out = 0;
     // Where outliers are likely, a wall of half a metre reaches further than one of five metres.
     let doubting = LikelihoodConfig { outlier_density: 0.5, ..LikelihoodConfig::default() };
-    let configs = configs().into_iter().map(|config| LikelihoodConfig { capture_sigma: 0.6, ..config });
-    let configs: Vec<_> = configs.chain([LikelihoodConfig { capture_sigma: 5.0, ..doubting }]).collect();
+    let doubting = Likelihood { config: doubting, capture_sigma: 5.0, ..Likelihood::default() };
+    let configs = configs().into_iter().map(|config| Likelihood { capture_sigma: 0.6, ..config });
+    let configs: Vec<_> = configs.chain([doubting]).collect();
     for (seed, config) in (0..10).flat_map(|seed| configs.iter().map(move |&config| (seed, config))) {
         let Scene { clusters, pose, points } = scene(seed, Point2::origin());
         let mut pool = Pool::default();
         let entry = |&cluster: &Cluster| MapCluster { cluster, last_step: 0, sightings: 1 };
         let slots: Vec<Slot> = clusters.iter().map(|cluster| pool.insert(entry(cluster))).collect();
-        let mut table = ClusterTable::new(config);
+        let mut table = ClusterTable::new(config.config, config.latent, config.capture_sigma);
         table.update(&mut pool, pose);
         for sigma in [0.01, 0.1, 0.45, config.capture_sigma] {
             let walls = thick(&clusters, sigma);
@@ -235,7 +245,7 @@ fn thick_walls_are_walls_with_more_variance_across() {
 /// Where a wall lies along an axis its box is tight: a point just likelier than an outlier is still found.
 #[test]
 fn a_wall_reaches_as_far_as_it_is_likelier_than_an_outlier() {
-    let config = LikelihoodConfig::default();
+    let config = Likelihood::default();
     let clusters = [wall([-1.0, 0.0], [1.0, 0.0], 0.0, 50.0)];
     let map = Near::new(&clusters, Pose::IDENTITY, &config);
     let peak = -(TAU.sqrt() * config.sigma_floor).ln();
@@ -309,7 +319,7 @@ fn information_is_positive_semidefinite() {
 fn information_along_a_single_wall_is_zero() {
     let clusters = [wall([-5.0, 1.0], [5.0, 1.0], 0.02, 50.0)];
     let points: Vec<_> = (-10..=10).map(|i| Point2::new(0.1 * f64::from(i), 1.0)).collect();
-    let map = Near::new(&clusters, Pose::IDENTITY, &LikelihoodConfig::default());
+    let map = Near::new(&clusters, Pose::IDENTITY, &Likelihood::default());
     let information = unpacked(map.linearise(Pose::IDENTITY, &tiles(&points, usize::MAX)).information);
     // 21 points with σ = 3 cm, the floor.
     assert_eq!(information[(0, 0)], 0.0);
@@ -318,7 +328,7 @@ fn information_along_a_single_wall_is_zero() {
 
 #[test]
 fn nothing_to_see_is_no_error() {
-    let config = LikelihoodConfig::default();
+    let config = Likelihood::default();
     let (clusters, points) = room();
     let none = tiles(&[], 180);
     assert!(none.is_empty());

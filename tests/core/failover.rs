@@ -1,6 +1,6 @@
 //! A device that fails in the middle of a drive.
 
-use ipslam::config::Config;
+use ipslam::config::SlamConfig;
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::pose::LocalPose;
 use ipslam::evaluator::{Advance, Evaluator, Propagation, Proposal, Scene, Weighed};
@@ -42,9 +42,10 @@ impl Evaluator for Dying {
 /// The drive goes on to the same end, whichever call was the last one, and the failure is told.
 #[test]
 fn the_cpu_does_the_step_again() {
-    for config in
-        [Config { particles: 8, maps: 4, ..Config::default() }, Config { particles: 5, maps: 5, ..Config::paper() }]
-    {
+    for config in [
+        SlamConfig { particles: 8, maps: 4, ..SlamConfig::default() },
+        SlamConfig { particles: 5, maps: 5, ..SlamConfig::paper() },
+    ] {
         let drive = |mut slam: Slam| {
             let entries = Simulation::building(1).open().unwrap().take(150);
             entries.for_each(|entry| slam.add(&entry.unwrap(), &mut |_| ()));

@@ -2,12 +2,12 @@
 
 use super::uniforms;
 use ipslam::clustering::ClusteringConfig;
-use ipslam::config::ScanConfig;
 use ipslam::geometry::Pose;
-use ipslam::grid::{Cell, FreeArea, GridBuilder, GridError, OccupancyGrid, RESOLUTION, clusters, drawn};
+use ipslam::grid::{Cell, FreeArea, GridBuilder, GridError, OccupancyGrid, RESOLUTION, drawn};
 use ipslam::log::{LogEntry, LogSource as _};
+use ipslam::map::clusters_of_grid;
 use ipslam::ppca::Cluster;
-use ipslam::scan::Scan;
+use ipslam::scan::{Scan, ScanConfig};
 use ipslam::simulate::{Simulation, Wall, building};
 use nalgebra::{Point2, Vector2, distance};
 use std::sync::LazyLock;
@@ -16,13 +16,12 @@ use std::sync::LazyLock;
 fn driven() -> (OccupancyGrid, Vec<Point2<f64>>) {
     let (mut builder, mut reading) = (GridBuilder::new(RESOLUTION), None);
     let (log, mut path) = (Simulation::building(3), Vec::new());
-    let ScanConfig { min_range, max_range } = ScanConfig::default();
     for entry in log.open().unwrap() {
         match entry.unwrap() {
             LogEntry::Laser(sweep) => reading = Some(sweep),
             LogEntry::Truth { stamp, world_from_robot } => {
                 let reading = reading.take().filter(|reading| reading.stamp == stamp).unwrap();
-                let scan = Scan::from_reading(&reading, min_range, max_range);
+                let scan = Scan::from_reading(&reading, &ScanConfig::default());
                 builder.add_scan(&scan, reading.robot_from_laser, world_from_robot);
                 path.push(world_from_robot.position());
             }
@@ -79,7 +78,7 @@ fn a_drive_shows_the_building() {
         assert!(area.contains(place) && wall_distance(place) > 1e-3 || grid.at(place) != Cell::Unknown, "{place}");
     }
 
-    let walls = clusters(&grid, &ClusteringConfig::default());
+    let walls = clusters_of_grid(&grid, &ClusteringConfig::default());
     assert!((50..1000).contains(&walls.len()), "{} clusters", walls.len());
     let ends: Vec<Point2<f64>> = walls.iter().flat_map(Cluster::endpoints).collect();
     let at_wall = share(&ends, |end| wall_distance(end) < 0.15);
@@ -249,7 +248,7 @@ fn samples_are_uniform() {
 #[test]
 fn a_map_is_drawn_and_read_back() {
     let (grid, path) = driven();
-    let walls = clusters(&grid, &ClusteringConfig::default());
+    let walls = clusters_of_grid(&grid, &ClusteringConfig::default());
     let free = FreeArea::from_grid(&grid, path.iter().copied());
     let again = drawn(&walls, free.as_ref(), 0.1).unwrap();
     let occupied = centres(&again, Cell::Occupied);

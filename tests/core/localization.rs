@@ -1,14 +1,13 @@
 //! The robot in the simulated building, found in a map that was made with another drive's scans at their true poses.
 
 use ipslam::clustering::ClusteringConfig;
-use ipslam::config::Config;
 use ipslam::geometry::{Pose, StampedPose};
-use ipslam::grid::{Cell, FreeArea, GridBuilder, OccupancyGrid, clusters};
+use ipslam::grid::{Cell, FreeArea, GridBuilder, OccupancyGrid};
 use ipslam::localization::{InitialPose, Localization, LocalizationConfig};
 use ipslam::log::{LaserReading, LogEntry, LogSource};
-use ipslam::map::LineMap;
+use ipslam::map::{LineMap, clusters_of_grid};
 use ipslam::report::{Confidence, Estimate, Estimator as _, Event};
-use ipslam::scan::Scan;
+use ipslam::scan::{Scan, ScanConfig};
 use ipslam::simulate::Simulation;
 use std::sync::LazyLock;
 
@@ -40,23 +39,22 @@ fn drive(seed: u64) -> Vec<(LogEntry, Pose)> {
 }
 
 static MAP: LazyLock<LineMap> = LazyLock::new(|| {
-    let config = Config::default();
     let mut builder = GridBuilder::new(0.05);
     let drive = drive(2);
     for (entry, pose) in &drive {
         if let LogEntry::Laser(reading) = entry {
-            let scan = Scan::from_reading(reading, config.scan.min_range, config.scan.max_range);
+            let scan = Scan::from_reading(reading, &ScanConfig::default());
             builder.add_scan(&scan, reading.robot_from_laser, *pose);
         }
     }
     let grid = builder.finish().unwrap();
     let free = FreeArea::from_grid(&grid, drive.iter().map(|(_, pose)| pose.position()));
-    LineMap { clusters: clusters(&grid, &ClusteringConfig::default()), free }
+    LineMap { clusters: clusters_of_grid(&grid, &ClusteringConfig::default()), free }
 });
 
 fn filter(initial: Option<InitialPose>, max_particles: usize) -> Localization {
-    let localization = LocalizationConfig { max_particles, ..LocalizationConfig::default() };
-    Localization::new(MAP.clone(), initial, Config { localization, ..Config::default() }, None).unwrap()
+    let config = LocalizationConfig { max_particles, ..LocalizationConfig::default() };
+    Localization::new(MAP.clone(), initial, config, None).unwrap()
 }
 
 /// What the readings in turn led to: for each step whether the robot was located, whether rightly, and the particles.
@@ -213,7 +211,10 @@ fn places_that_look_alike_are_kept_apart() {
     let places = (0..height).flat_map(|row| (0..width).map(move |column| (row, column)));
     let cells = places.map(|place| if is_wall(place) { Cell::Occupied } else { Cell::Free }).collect();
     let grid = OccupancyGrid::new(CELL, Pose::IDENTITY, width, height, cells).unwrap();
-    let map = LineMap { clusters: clusters(&grid, &ClusteringConfig::default()), free: FreeArea::from_grid(&grid, []) };
+    let map = LineMap {
+        clusters: clusters_of_grid(&grid, &ClusteringConfig::default()),
+        free: FreeArea::from_grid(&grid, []),
+    };
     assert_eq!(map.clusters.len(), 4);
 
     // To the wall's middle, which is where a grid has it.
@@ -239,8 +240,7 @@ fn places_that_look_alike_are_kept_apart() {
     };
     let (mut forgetful, mut fewest) = (0, usize::MAX);
     for seed in 1..=20 {
-        let localization = LocalizationConfig { max_particles: 20_000, ..LocalizationConfig::default() };
-        let config = Config { seed, localization, ..Config::default() };
+        let config = LocalizationConfig { seed, max_particles: 20_000, ..LocalizationConfig::default() };
         let mut filter = Localization::new(map.clone(), None, config, None).unwrap();
         let mut most = 0.0_f64;
         for step in 0..150 {

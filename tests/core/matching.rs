@@ -1,7 +1,8 @@
 //! The rules of III-D, by hand and against the slowest algorithm that does the same.
 
 use crate::wall;
-use ipslam::map::matching::{MatchingConfig, MatchingRule, line_distance, match_clusters, paper_distance};
+use ipslam::ablation::MatchingRule;
+use ipslam::map::matching::{MatchingConfig, line_distance, match_clusters, paper_distance};
 use ipslam::ppca::Cluster;
 use nalgebra::{Point2, Vector2};
 use proptest::prelude::*;
@@ -19,8 +20,7 @@ fn cluster(x: f64, y: f64, degrees: f64, sigma: f64) -> Cluster {
 }
 
 const MAX_ANGLE: f64 = std::f64::consts::FRAC_PI_3;
-const PAPER: MatchingConfig =
-    MatchingConfig { rule: MatchingRule::Paper, max_angle: MAX_ANGLE, max_distance: 0.5, max_gap: 0.0 };
+const PAPER: MatchingConfig = MatchingConfig { max_angle: MAX_ANGLE, max_distance: 0.5, max_gap: 0.0 };
 
 #[test]
 fn directions_more_than_60_degrees_apart_do_not_match() {
@@ -86,7 +86,7 @@ fn clusters(most: usize) -> impl Strategy<Value = Vec<Cluster>> {
 proptest! {
     #[test]
     fn greedy_takes_the_closest_pair_first(map in clusters(8), scan in clusters(8)) {
-        let matches = match_clusters(&map, &scan, &PAPER);
+        let matches = match_clusters(&map, &scan, &PAPER, MatchingRule::Paper);
         prop_assert_eq!(&matches, &slow_greedy(&map, &scan));
         let mut taken: Vec<usize> = matches.iter().flatten().copied().collect();
         taken.sort_unstable();
@@ -99,15 +99,14 @@ proptest! {
 fn the_closer_scan_cluster_gets_the_map_cluster() {
     let map = [cluster(0.0, 0.0, 0.0, 1.0)];
     let scan = [cluster(0.0, 0.2, 0.0, 1.0), cluster(0.0, 0.1, 0.0, 1.0)];
-    assert_eq!(match_clusters(&map, &scan, &PAPER), [None, Some(0)]);
-    assert_eq!(match_clusters::<Cluster>(&[], &scan, &PAPER), [None, None]);
-    assert!(match_clusters(&map, &[], &PAPER).is_empty());
+    assert_eq!(match_clusters(&map, &scan, &PAPER, MatchingRule::Paper), [None, Some(0)]);
+    assert_eq!(match_clusters::<Cluster>(&[], &scan, &PAPER, MatchingRule::Paper), [None, None]);
+    assert!(match_clusters(&map, &[], &PAPER, MatchingRule::Paper).is_empty());
 }
 
 #[test]
 fn several_pieces_of_a_wall_match_it_by_the_collinear_rule() {
     let config = MatchingConfig::default();
-    assert_eq!(config.rule, MatchingRule::Collinear);
     let map = [wall([0.0, 0.0], [4.0, 0.0], 0.01, 100.0), wall([0.0, 2.0], [4.0, 2.0], 0.01, 100.0)];
     let pieces = [
         wall([0.5, 0.01], [1.5, 0.01], 0.01, 30.0),
@@ -115,13 +114,13 @@ fn several_pieces_of_a_wall_match_it_by_the_collinear_rule() {
         wall([4.2, 0.0], [5.0, 0.0], 0.01, 30.0),
         wall([1.0, 1.95], [3.0, 1.95], 0.01, 30.0),
     ];
-    assert_eq!(match_clusters(&map, &pieces, &config), [Some(0), Some(0), Some(0), Some(1)]);
+    assert_eq!(match_clusters(&map, &pieces, &config, MatchingRule::Collinear), [Some(0), Some(0), Some(0), Some(1)]);
     let strangers = [
         wall([4.4, 0.0], [5.0, 0.0], 0.01, 30.0), // a gap of 0.4 m
         wall([1.0, 0.3], [3.0, 0.3], 0.01, 30.0), // another line
         wall([1.0, 0.0], [1.5, 0.4], 0.01, 30.0), // 39° off
     ];
-    assert_eq!(match_clusters(&map, &strangers, &config), [None; 3]);
+    assert_eq!(match_clusters(&map, &strangers, &config, MatchingRule::Collinear), [None; 3]);
 }
 
 proptest! {
@@ -130,7 +129,7 @@ proptest! {
     #[test]
     fn collinear_matches_are_those_of_brute_force(map in clusters(12), scan in clusters(6), gap in 0.0..0.2f64) {
         let config = MatchingConfig { max_gap: gap, ..MatchingConfig::default() };
-        for (cluster, found) in scan.iter().zip(match_clusters(&map, &scan, &config)) {
+        for (cluster, found) in scan.iter().zip(match_clusters(&map, &scan, &config, MatchingRule::Collinear)) {
             let distances = map.iter().map(|candidate| line_distance(candidate, cluster, &config));
             let best = distances.enumerate().filter(|(_, d)| d.is_finite()).min_by(|a, b| a.1.total_cmp(&b.1));
             prop_assert_eq!(found, best.map(|(index, _)| index));

@@ -1,10 +1,11 @@
 //! Merging of clusters (III-E): incremental PCA against PCA, and what becomes part of a map.
 
 use crate::{normals, wall};
-use ipslam::config::Config;
+use ipslam::ablation::{AblationConfig, MergingMethod};
+use ipslam::config::SlamConfig;
 use ipslam::map::MapCluster;
 use ipslam::map::matching::MatchingConfig;
-use ipslam::map::merging::{MergingConfig, MergingMethod, consolidated, merge, merge_scan};
+use ipslam::map::merging::{MergingConfig, consolidated, merge, merge_scan};
 use ipslam::ppca::Cluster;
 use nalgebra::{Point2, Vector2};
 use proptest::prelude::*;
@@ -99,20 +100,20 @@ proptest! {
     }
 }
 
-fn configs() -> [(MatchingConfig, MergingConfig); 2] {
-    [Config::default(), Config::paper()].map(|config| (config.matching, config.merging))
+fn configs() -> [(MatchingConfig, MergingConfig, AblationConfig); 2] {
+    [SlamConfig::default(), SlamConfig::paper()].map(|config| (config.matching, config.merging, config.ablation))
 }
 
 #[test]
 fn only_well_supported_thin_clusters_are_added() {
-    for (matching, merging) in configs() {
+    for (matching, merging, ablation) in configs() {
         let with = |across: f64, count: f64| wall([0.0, 0.0], [2.0, 0.0], across, count);
         for (cluster, added) in [
             (with(0.9 * merging.max_across, merging.min_points), true),
             (with(0.9 * merging.max_across, merging.min_points - 1.0), false),
             (with(1.1 * merging.max_across, merging.min_points), false),
         ] {
-            let change = merge_scan(&[], &[cluster], 7, &matching, &merging);
+            let change = merge_scan(&[], &[cluster], 7, &matching, &merging, &ablation);
             let expected = MapCluster { cluster, last_step: 7, sightings: 1 };
             assert_eq!(change.added, if added { vec![expected] } else { vec![] }, "{merging:?}");
             assert!(change.removed.is_empty());
@@ -122,21 +123,21 @@ fn only_well_supported_thin_clusters_are_added() {
 
 #[test]
 fn a_match_replaces_the_old_cluster_and_leaves_others_alone() {
-    for (matching, merging) in configs() {
+    for (matching, merging, ablation) in configs() {
         let old = wall([0.0, 0.0], [2.0, 0.0], 0.01, 50.0);
         let other = wall([0.0, 5.0], [2.0, 5.0], 0.01, 50.0);
         let entry = |cluster| MapCluster { cluster, last_step: 6, sightings: 4 };
         let new = wall([0.5, 0.01], [2.5, 0.01], 0.01, 40.0);
-        let change = merge_scan(&[(3, entry(old)), (8, entry(other))], &[new], 7, &matching, &merging);
+        let change = merge_scan(&[(3, entry(old)), (8, entry(other))], &[new], 7, &matching, &merging, &ablation);
         assert_eq!(change.removed, [3]);
-        let cluster = merge(&old, &new, merging.method);
+        let cluster = merge(&old, &new, ablation.merging);
         assert_eq!(change.added, [MapCluster { cluster, last_step: 7, sightings: 5 }]);
     }
 }
 
 #[test]
 fn consolidation_joins_what_is_one_wall() {
-    let Config { matching, merging, .. } = Config::default();
+    let SlamConfig { matching, merging, .. } = SlamConfig::default();
     let half = wall([0.0, 0.0], [2.0, 0.0], 0.01, 50.0);
     for (other, joined, what) in [
         (wall([2.1, 0.0], [4.0, 0.0], 0.01, 50.0), true, "the other half"),
@@ -153,20 +154,18 @@ fn consolidation_joins_what_is_one_wall() {
         } else {
             assert_eq!(map, [half, other], "{what}");
         }
-        let off = MergingConfig { consolidate: false, ..merging };
-        assert_eq!(consolidated(&[half, other], &matching, &off), [half, other], "{what}, switched off");
     }
 }
 
 /// A scan that sees the doorway closed makes one wall of two.
 #[test]
 fn a_scan_joins_two_halves_of_the_map() {
-    let Config { matching, merging, .. } = Config::default();
+    let SlamConfig { matching, merging, ablation, .. } = SlamConfig::default();
     let halves = [wall([0.0, 0.0], [2.0, 0.0], 0.01, 50.0), wall([3.0, 0.0], [5.0, 0.0], 0.01, 50.0)];
     let near: Vec<_> =
         (0..).zip(halves).map(|(slot, cluster)| (slot, MapCluster { cluster, last_step: 5, sightings: 4 })).collect();
     let between = wall([1.8, 0.0], [3.2, 0.0], 0.01, 30.0);
-    let mut change = merge_scan(&near, &[between], 6, &matching, &merging);
+    let mut change = merge_scan(&near, &[between], 6, &matching, &merging, &ablation);
     change.removed.sort_unstable();
     assert_eq!(change.removed, [0, 1]);
     let [joined] = change.added[..] else { panic!("{:?}", change.added) };
@@ -175,7 +174,7 @@ fn a_scan_joins_two_halves_of_the_map() {
 
 #[test]
 fn what_was_hardly_seen_is_dropped_with_age() {
-    let Config { matching, merging, .. } = Config::default();
+    let SlamConfig { matching, merging, ablation, .. } = SlamConfig::default();
     let cluster = wall([0.0, 0.0], [2.0, 0.0], 0.01, 50.0);
     for (sightings, step, dropped) in [
         (merging.min_sightings - 1, 10 + merging.clutter_age, false),
@@ -183,7 +182,7 @@ fn what_was_hardly_seen_is_dropped_with_age() {
         (merging.min_sightings, 11 + merging.clutter_age, false),
     ] {
         let entry = MapCluster { cluster, last_step: 10, sightings };
-        let change = merge_scan(&[(4, entry)], &[], step, &matching, &merging);
+        let change = merge_scan(&[(4, entry)], &[], step, &matching, &merging, &ablation);
         assert_eq!(change.removed, if dropped { vec![4] } else { vec![] }, "{sightings} sightings, step {step}");
         assert!(change.added.is_empty());
     }

@@ -1,6 +1,7 @@
 //! Scan matching in a room that is known, and draws from the Laplace approximation.
 
 use crate::{uniforms, wall};
+use ipslam::ablation::Latent;
 use ipslam::evaluator::cholesky::{Cholesky, unpacked};
 use ipslam::evaluator::cpu::propagate_all;
 use ipslam::evaluator::pose::LocalPose;
@@ -50,7 +51,7 @@ fn propose(
     let mut pool = Pool::default();
     let slots = walls().into_iter().map(|cluster| pool.insert(MapCluster { cluster, last_step: 0, sightings: 1 }));
     let map = Map { slots: slots.collect() };
-    let mut table = ClusterTable::new(LikelihoodConfig::default());
+    let mut table = ClusterTable::new(LikelihoodConfig::default(), Latent::Uniform, CAPTURE.into());
     table.update(&mut pool, start);
     let start = Start { mean: LocalPose::new(start, table.anchor()), prior: LocalPose::new(prior, table.anchor()) };
     let how = Propagation {

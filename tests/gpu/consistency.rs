@@ -1,9 +1,9 @@
 //! GPU against CPU, and both against f64.
 
-use crate::oracle::{slow, slow_climb, slow_density, thick};
+use crate::oracle::{Likelihood, slow, slow_climb, slow_density, thick};
 use crate::wall::wall;
 use crate::worlds::{World, all, configs, random};
-use ipslam::config::Config;
+use ipslam::config::SlamConfig;
 use ipslam::evaluator::cholesky::{Cholesky, unpacked};
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::gpu::GpuEvaluator;
@@ -13,7 +13,6 @@ use ipslam::evaluator::table::ClusterTable;
 use ipslam::evaluator::{Advance, Evaluator, Propagation, Proposal, Scene, Start};
 use ipslam::geometry::{Pose, StampedPose, wrap_angle};
 use ipslam::gpu::device::Adapter;
-use ipslam::likelihood::LikelihoodConfig;
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::{MapCluster, Pool};
 use ipslam::metrics::trajectory::reference_errors;
@@ -264,7 +263,7 @@ pub fn compare_refined(evaluator: &mut dyn Evaluator) -> Found {
             found.compare(0, apart(gpu_pose, cpu_pose), REFINED, what("GPU and CPU"));
             let sampled = slow_propagate(&how, particle as u32, starts[0].mean.in_world(world.table.anchor()));
             let prior = (start, unpacked(prior_information));
-            let config = LikelihoodConfig { capture_sigma: how.capture_sigma.into(), ..world.config };
+            let config = Likelihood { capture_sigma: how.capture_sigma.into(), ..world.config };
             let slow_pose = slow_climb(&world.clusters, sampled, prior, &world.points, &config, 12);
             found.compare(1, apart(gpu_pose, slow_pose), REFINED, what("GPU and f64"));
             found.compare(2, apart(cpu_pose, slow_pose), REFINED, what("CPU and f64"));
@@ -405,7 +404,8 @@ pub fn work_is_split_to_fit(adapter: &Adapter) {
 pub fn a_step_uploads_what_changed(adapter: &Adapter) {
     let mut gpu = GpuEvaluator::new(adapter).unwrap();
     let world = random(22, configs()[0], Pose::new(1.0, 2.0, 0.5), 60, 5);
-    let (mut pool, mut table) = (Pool::default(), ClusterTable::new(world.config));
+    let (mut pool, mut table) =
+        (Pool::default(), ClusterTable::new(world.config.config, world.config.latent, world.config.capture_sigma));
     let mut slots = Vec::new();
     for step in 0..40u32 {
         // Some go, others take their slots; the robot drives away and comes back.
@@ -463,7 +463,7 @@ pub fn every_particle_has_its_own_map(adapter: &Adapter) {
 
 /// A short drive through the simulated building, mapped on the device: as good as on the CPU.
 pub fn a_drive_is_mapped_as_well(adapter: &Adapter) {
-    let config = Config { particles: 8, maps: 8, ..Config::default() };
+    let config = SlamConfig { particles: 8, maps: 8, ..SlamConfig::default() };
     let error = |mut slam: Slam| {
         let mut truth = Vec::new();
         for entry in Simulation::building(1).open().unwrap().take(600) {

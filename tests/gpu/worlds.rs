@@ -1,7 +1,9 @@
 //! Maps, scans and poses to evaluate: random ones, real ones, and hard ones.
 
 use crate::common::data;
+use crate::oracle::Likelihood;
 use crate::wall::wall;
+use ipslam::ablation::Latent;
 use ipslam::clustering::{ClusteringConfig, cluster_points};
 use ipslam::evaluator::pose::LocalPose;
 use ipslam::evaluator::table::ClusterTable;
@@ -9,19 +11,19 @@ use ipslam::evaluator::tiles::{Tile, tiles};
 use ipslam::evaluator::{Scene, Start};
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::CarmenLog;
-use ipslam::likelihood::{Latent, LikelihoodConfig};
+use ipslam::likelihood::LikelihoodConfig;
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::{MapCluster, Pool, Slot};
 use ipslam::ppca::Cluster;
 use ipslam::random::{Draw, bits, normals, uniform};
-use ipslam::scan::Scan;
+use ipslam::scan::{Scan, ScanConfig};
 use nalgebra::{Point2, Vector2};
 use std::f64::consts::PI;
 
 /// A map, a scan, and the robot somewhere around `pose`.
 pub struct World {
     pub name: String,
-    pub config: LikelihoodConfig,
+    pub config: Likelihood,
     pub clusters: Vec<Cluster>,
     pub points: Vec<Point2<f64>>,
     pub pose: Pose,
@@ -35,7 +37,7 @@ pub struct World {
 impl World {
     pub fn new(
         name: &str,
-        config: LikelihoodConfig,
+        config: Likelihood,
         clusters: Vec<Cluster>,
         points: Vec<Point2<f64>>,
         pose: Pose,
@@ -44,7 +46,7 @@ impl World {
         let mut pool = Pool::default();
         let entry = |&cluster: &Cluster| MapCluster { cluster, last_step: 0, sightings: 1 };
         let slots: Vec<Slot> = clusters.iter().map(|cluster| pool.insert(entry(cluster))).collect();
-        let mut table = ClusterTable::new(config);
+        let mut table = ClusterTable::new(config.config, config.latent, config.capture_sigma);
         table.update(&mut pool, pose);
         let near = |i: u32| {
             let [x, y, heading, _] = normals(5, 0, i, Draw::Motion).map(f64::from);
@@ -73,13 +75,13 @@ impl World {
 }
 
 /// The latents and floors that the presets have.
-pub fn configs() -> [LikelihoodConfig; 2] {
-    let uniform = LikelihoodConfig::default();
-    [uniform, LikelihoodConfig { latent: Latent::Normal, sigma_floor: 0.05, outlier_density: 1e-8, ..uniform }]
+pub fn configs() -> [Likelihood; 2] {
+    let config = LikelihoodConfig { sigma_floor: 0.05, outlier_density: 1e-8, ..LikelihoodConfig::default() };
+    [Likelihood::default(), Likelihood { config, latent: Latent::Normal, ..Likelihood::default() }]
 }
 
 /// Walls in all directions around `pose`, and points on and off them, by angle.
-pub fn random(seed: u64, config: LikelihoodConfig, pose: Pose, walls: usize, count: usize) -> World {
+pub fn random(seed: u64, config: Likelihood, pose: Pose, walls: usize, count: usize) -> World {
     let mut uniforms = (0..).flat_map(|i| bits(seed, 1, i, Draw::Motion)).map(|word| f64::from(uniform(word)));
     let mut between = |low: f64, high: f64| low + (high - low) * uniforms.next().unwrap();
     let clusters: Vec<Cluster> = (0..walls)
@@ -148,7 +150,7 @@ pub fn all() -> Vec<World> {
 fn real() -> Vec<World> {
     let Some(path) = data("csail/mit-csail.clf.gz") else { return Vec::new() };
     let scans = CarmenLog::new(path).open().unwrap().filter_map(|entry| match entry.unwrap() {
-        LogEntry::Laser(reading) => Some(Scan::from_reading(&reading, 0.1, 30.0)),
+        LogEntry::Laser(reading) => Some(Scan::from_reading(&reading, &ScanConfig::default())),
         _ => None,
     });
     let pose = Pose::new(-4.0, 12.0, 2.5);

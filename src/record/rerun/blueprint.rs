@@ -32,7 +32,7 @@
 //! The y axis of a 2-D view points down, that of the world up. [`WORLD`] therefore carries a transform that turns y
 //! around, and the view shows the world from outside of it, so that numbers stay true and the map is not mirrored.
 
-use crate::pipeline::Task;
+use crate::config::Config;
 use crate::report::StageTimes;
 use ::rerun::blueprint::components::{PanelState, PlayState};
 use ::rerun::blueprint::{
@@ -171,14 +171,14 @@ pub(super) fn log_odometry_style(stream: &RecordingStream, path: &str) -> Record
 }
 
 /// The map, large, and three plots beside it.
-pub(super) fn views(task: Task) -> Blueprint {
-    let (legend, first, second) = match task {
-        Task::Mapping => (
+pub(super) fn views(config: &Config) -> Blueprint {
+    let (legend, first, second) = match config {
+        Config::Slam(_) => (
             LEGEND,
             plot("Effective sample size", ["plots/particles/**".to_owned()]),
             plot("Clusters in the map", [CLUSTERS.to_owned()]),
         ),
-        Task::Localization => (
+        Config::Localization(_) => (
             "map red · scan blue · particles yellow = likely · arrow green = located, grey = not",
             plot("Confidence", [CONFIDENCE.to_owned()]),
             plot("Particles, powers of ten", [PARTICLE_COUNT.to_owned()]),

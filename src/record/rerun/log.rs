@@ -1,9 +1,10 @@
 //! Entries of the log, steps and results as entities of a recording.
 
 use super::{Level, blueprint};
+use crate::config::Config;
 use crate::geometry::{Pose, StampedPose};
 use crate::log::{LaserReading, LogEntry};
-use crate::pipeline::{RunInfo, Task};
+use crate::pipeline::RunInfo;
 use crate::ppca::Cluster;
 use crate::report::{Confidence, ReportedParticle, RunResult, StepReport};
 use ::rerun::archetypes::Clear;
@@ -33,8 +34,6 @@ const ENTRIES_EVERY: Duration = Duration::from_millis(300);
 /// [`blueprint::ABOUT`] as TOML.
 #[derive(Serialize, Deserialize)]
 pub(super) struct About {
-    /// What the run was for.
-    pub task: Task,
     /// Version of the program.
     pub version: String,
     /// Name of the log.
@@ -42,7 +41,7 @@ pub(super) struct About {
     /// What evaluated the particles.
     pub device: String,
     /// Everything that was set.
-    pub configuration: crate::config::Config,
+    pub configuration: Config,
 }
 
 /// What is remembered from step to step.
@@ -50,7 +49,7 @@ pub(super) struct Recorder {
     stream: RecordingStream,
     /// What all paths lie under.
     root: &'static str,
-    task: Task,
+    is_mapping: bool,
     level: Level,
     entries: Entries,
     step: u32,
@@ -73,7 +72,6 @@ impl Recorder {
     ) -> RecordingStreamResult<Self> {
         blueprint::log_styles(&stream, root)?;
         let about = About {
-            task: info.task,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             log: info.log.clone(),
             device: info.device.clone(),
@@ -88,7 +86,7 @@ impl Recorder {
             odometry: trail(blueprint::ODOMETRY_TRAIL, blueprint::log_odometry_style),
             stream,
             root,
-            task: info.task,
+            is_mapping: matches!(info.config, Config::Slam(_)),
             level,
             entries: Entries::new(),
             step: 0,
@@ -142,7 +140,7 @@ impl Recorder {
             self.trajectory.push(stream, pose)?;
         }
         // In a known map odometry starts nowhere.
-        if self.task == Task::Mapping {
+        if self.is_mapping {
             self.odometry.push(stream, world_from_odom * report.odom_from_robot)?;
         }
         if self.map != report.map {

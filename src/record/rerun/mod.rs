@@ -93,7 +93,7 @@ impl RerunObserver {
     /// The file cannot be made or written to.
     pub fn to_file(path: &Path, info: &RunInfo, level: Level) -> Result<Self, RecordError> {
         let (stream, failed) = file(path, &info.log)?;
-        blueprint::views(info.task).send(&stream, BlueprintActivation::default())?;
+        blueprint::views(&info.config).send(&stream, BlueprintActivation::default())?;
         Self::start(stream, "", level, info, FULL_DISK, failed)
     }
 
@@ -120,7 +120,7 @@ impl RerunObserver {
             .connect_grpc_opts(url)
             .map_err(|error| RecordError::Address { url: url.to_owned(), reason: error.to_string() })?;
         stream.set_log_time_enabled(false);
-        blueprint::views(info.task).send(&stream, BlueprintActivation::default())?;
+        blueprint::views(&info.config).send(&stream, BlueprintActivation::default())?;
         let failed = |reason| RecordError::NoViewer { url: url.to_owned(), reason };
         Self::start(stream, "", level, info, "was the viewer closed?", failed)
     }

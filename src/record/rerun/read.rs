@@ -131,7 +131,7 @@ impl RecordedRun {
 
         let columns = Columns(&store);
         let about = columns.text(blueprint::ABOUT).ok_or_else(|| not("it does not tell how the run was made"))?;
-        let About { task, version, log, device, configuration: config } =
+        let About { version, log, device, configuration: config } =
             toml::from_str(&about).map_err(|error| not(&format!("its configuration is not understood: {error}")))?;
         let unusable = |source| ReadError::Configuration {
             path: path.to_owned(),
@@ -142,7 +142,7 @@ impl RecordedRun {
         let entries = columns.entries().ok_or_else(|| not("its log is damaged"))?.into();
         let (steps, result) = (columns.steps(), columns.result());
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { name, store, entries, version, info: RunInfo { task, log, device, config }, steps, result })
+        Ok(Self { name, store, entries, version, info: RunInfo { log, device, config }, steps, result })
     }
 
     /// Entries of the log.

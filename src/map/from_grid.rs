@@ -1,9 +1,9 @@
 //! The walls of a grid as line clusters.
 
-use super::{Cell, OccupancyGrid};
+use super::matching::MatchingConfig;
+use super::merging::{MergingConfig, consolidated};
 use crate::clustering::{ClusteringConfig, cluster_points};
-use crate::map::matching::MatchingConfig;
-use crate::map::merging::{MergingConfig, consolidated};
+use crate::grid::{Cell, OccupancyGrid};
 use crate::ppca::Cluster;
 use nalgebra::Point2;
 use rayon::prelude::*;
@@ -16,7 +16,7 @@ const SQUARE: f64 = 4.0;
 /// off by another.
 const KNOWN_TO: f64 = 2.0;
 
-/// A wall's face may be this far from free cells, with unknown ones between \[m\]: those of a [`FreeArea`](super::FreeArea)
+/// A wall's face may be this far from free cells, with unknown ones between \[m\]: those of a [`FreeArea`](crate::grid::FreeArea)
 /// keep away from walls by up to their diagonal.
 const FACE_GAP: f64 = 0.4;
 
@@ -25,7 +25,7 @@ const FACE_GAP: f64 = 0.4;
 ///
 /// `config` is that of a scan. Where a cell is wider than the thickness and gaps that it allows, a cell's width counts.
 /// A cluster's `count` is its number of cells, and its standard deviation across at least two cells.
-pub fn clusters(grid: &OccupancyGrid, config: &ClusteringConfig) -> Vec<Cluster> {
+pub fn clusters_of_grid(grid: &OccupancyGrid, config: &ClusteringConfig) -> Vec<Cluster> {
     let mut squares: BTreeMap<[i64; 2], Vec<Point2<f64>>> = BTreeMap::new();
     let cells_across = (SQUARE / grid.resolution()).ceil().max(1.0) as i64;
     for [column, row] in grid.places(Cell::Occupied) {
@@ -44,7 +44,7 @@ pub fn clusters(grid: &OccupancyGrid, config: &ClusteringConfig) -> Vec<Cluster>
     let squares: Vec<Vec<Point2<f64>>> = squares.into_values().collect();
     let pieces: Vec<Cluster> = squares.par_iter().flat_map(|points| cluster_points(points, &config).clusters).collect();
     let default = MergingConfig::default();
-    let merging = MergingConfig { max_across: default.max_across.max(max_across), consolidate: true, ..default };
+    let merging = MergingConfig { max_across: default.max_across.max(max_across), ..default };
     let least_across = (KNOWN_TO * grid.resolution()).powi(2);
     let thick = |wall: Cluster| Cluster { across_variance: wall.across_variance.max(least_across), ..wall };
     consolidated(&pieces, &MatchingConfig::default(), &merging).into_iter().map(thick).collect()
