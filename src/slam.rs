@@ -51,13 +51,13 @@ struct Hypothesis {
 #[derive(Clone, Copy, Debug)]
 struct Particle {
     world_from_robot: Pose,
-    /// Where the scan matches the map best around there: the particle is weighed there, because how far from the top
-    /// it happened to be drawn says nothing about its map. The same pose where nothing was matched.
-    matched: Pose,
-    /// ln of eq. 18 there, where the match has told it.
+    /// The mode of the posterior that it was drawn around: the particle is weighed there, because how far from it it
+    /// happened to be drawn says nothing about its map. The same pose without scan matching.
+    mode: Pose,
+    /// ln of eq. 18 at the mode; `None` without scan matching.
     log_likelihood: Option<f64>,
     log_weight: f64,
-    /// What the last weighing added to it.
+    /// Log-weight that the scan added.
     gain: f64,
 }
 
@@ -168,8 +168,11 @@ impl Slam {
             self.move_maps(&particles);
             timed(&mut times.merge, || self.merge(&clusters));
         }
-        // 6c-vi
-        timed(&mut times.weigh, || self.weigh(&mut particles, tiles));
+        // 6c-vi. Scan matching has evaluated eq. 18 already, but not in a map that the scan was merged into since.
+        if self.config.ablation.weigh_merged_map || particles.iter().any(|p| p.log_likelihood.is_none()) {
+            timed(&mut times.weigh, || self.evaluate(&mut particles, tiles));
+        }
+        self.add_tempered(&mut particles);
         let weights = normalised(&particles.iter().map(|particle| particle.log_weight).collect::<Vec<_>>());
         // 6d
         let (resampled, parents) = timed(&mut times.resample, || self.resample(&particles, &weights));
@@ -204,7 +207,7 @@ impl Slam {
         self.tracked = Motion::none();
     }
 
-    /// Follows the robot from scan to scan in the best map: odometry, corrected by matching the scan.
+    /// Tracks the robot from scan to scan in the best map: odometry, corrected by scan matching.
     fn track(&mut self, odom_from_robot: Pose, tiles: &[Tile]) {
         let since = match self.last_odometry.replace(odom_from_robot) {
             Some(last) => Motion::from_odometry(last, odom_from_robot, &self.config.motion),
@@ -236,8 +239,8 @@ impl Slam {
         }
     }
 
-    /// Table I, 6a: draws a pose for every particle, from the motion (eq. 17) and, unless it is switched off, from
-    /// where the scan then matches the particle's own map.
+    /// Table I, 6a: draws a pose for every particle, from the motion (eq. 17) and, unless that is switched off, by matching
+    /// the scan with the particle's own map.
     fn propagate(&mut self, tiles: &[Tile]) -> Vec<Particle> {
         let (anchor, particles_a_map) = (self.table.anchor(), self.config.particles / self.config.maps);
         let start = |from: &Hypothesis| Start {
@@ -262,7 +265,7 @@ impl Slam {
             let from = &self.hypotheses[index / particles_a_map];
             Particle {
                 world_from_robot: drawn.in_world(anchor),
-                matched: mode.pose.in_world(anchor),
+                mode: mode.pose.in_world(anchor),
                 log_likelihood: (iterations > 0).then(|| f64::from(mode.log_likelihood)),
                 // The poses of a map share its weight.
                 log_weight: from.log_weight - (particles_a_map as f64).ln(),
@@ -272,7 +275,7 @@ impl Slam {
         proposals.into_iter().enumerate().map(particle).collect()
     }
 
-    /// What all draws of particles have in common: noise is that of the motion as the scans have corrected it.
+    /// What tracking and the proposal have in common: the noise is that of the motion as the scans have corrected it.
     fn propagation(&self) -> Propagation<'static> {
         let noise = Cholesky::of_covariance(&self.tracked.covariance);
         Propagation {
@@ -290,35 +293,31 @@ impl Slam {
         }
     }
 
-    /// Table I, 6c-vi: eq. 18 for every particle, tempered.
-    fn weigh(&mut self, particles: &mut [Particle], tiles: &[Tile]) {
-        // A map that the scan has just been merged into is not the one it was matched to.
-        let known = |particle: &Particle| particle.log_likelihood.filter(|_| !self.config.ablation.weigh_merged_map);
-        let log_likelihoods: Vec<f64> = match particles.iter().map(known).collect() {
-            Some(known) => known,
-            None => self.look(particles, tiles),
-        };
-        for (particle, log_likelihood) in particles.iter_mut().zip(log_likelihoods) {
-            particle.gain = self.config.filter.temper * log_likelihood;
-            particle.log_weight += particle.gain;
-        }
-    }
-
-    /// ln of eq. 18 for every particle.
-    fn look(&mut self, particles: &[Particle], tiles: &[Tile]) -> Vec<f64> {
-        let poses: Vec<LocalPose> = particles.iter().map(|p| LocalPose::new(p.matched, self.table.anchor())).collect();
+    /// Table I, 6c-vi: the log-likelihood of the scan (eq. 18) at the mode of every particle, in its map as it is now.
+    fn evaluate(&mut self, particles: &mut [Particle], tiles: &[Tile]) {
+        let poses: Vec<LocalPose> = particles.iter().map(|p| LocalPose::new(p.mode, self.table.anchor())).collect();
         let of_a_map = poses.chunks(particles.len() / self.hypotheses.len());
         let near = |(from, poses): (&Hypothesis, &[LocalPose])| {
             let off = |pose: &LocalPose| (pose.x - poses[0].x).hypot(pose.y - poses[0].y);
             self.near(&from.map, poses[0], tiles, poses.iter().map(off).fold(0.0, f32::max))
         };
         let maps: Vec<Vec<Slot>> = self.hypotheses.iter().zip(of_a_map).map(near).collect();
-        let scene = Scene { table: &self.table, tiles, maps: &maps };
-        self.evaluator.weigh(&scene, &poses).into_iter().map(f64::from).collect()
+        let log_likelihoods = self.evaluator.weigh(&Scene { table: &self.table, tiles, maps: &maps }, &poses);
+        for (particle, log_likelihood) in particles.iter_mut().zip(log_likelihoods) {
+            particle.log_likelihood = Some(f64::from(log_likelihood));
+        }
     }
 
-    /// Table I, 6d: each map keeps one of its poses; maps are drawn anew where too few of them carry the weight.
-    /// Returns whether they were, and for each map that is left the number of the one that it was.
+    /// Adds the tempered log-likelihood to the log-weight of every particle.
+    fn add_tempered(&self, particles: &mut [Particle]) {
+        for particle in particles {
+            particle.gain = self.config.filter.temper * particle.log_likelihood.unwrap_or(0.0);
+            particle.log_weight += particle.gain;
+        }
+    }
+
+    /// Table I, 6d: each map keeps one of its poses; maps are resampled where too few of them carry the weight.
+    /// Returns whether they were, and the parent index of each survivor.
     fn resample(&mut self, particles: &[Particle], weights: &[f64]) -> (bool, Vec<u32>) {
         let (maps, poses_a_map) = (self.hypotheses.len(), particles.len() / self.hypotheses.len());
         let offset =
@@ -388,9 +387,9 @@ impl Slam {
         self.table.update(&mut self.pool, self.hypotheses[self.best].world_from_robot);
     }
 
-    /// Those clusters of a map that a scan can meet, from wherever the robot is within `way` \[m\] of a pose.
-    fn near(&self, map: &Map, pose: LocalPose, tiles: &[Tile], way: f32) -> Vec<Slot> {
-        self.table.near(&map.slots, pose.x, pose.y, reach(tiles) + way)
+    /// The clusters of a map that can explain a point of the scan from any pose within `distance` \[m\] of this one.
+    fn near(&self, map: &Map, pose: LocalPose, tiles: &[Tile], distance: f32) -> Vec<Slot> {
+        self.table.near(&map.slots, pose.x, pose.y, reach(tiles) + distance)
     }
 
     fn clusters_of(&self, hypothesis: &Hypothesis) -> Vec<Cluster> {
