@@ -11,7 +11,7 @@ fn draw(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index
     var drawn = poses[particle].xyz;
     let cholesky = cholesky_of(modes[particle].information);
     if cholesky.exists {
-        let normals = random_normals(group.number + lane, DRAW_PROPOSAL);
+        let normals = random_normals(group.number + lane, DRAW_PROPOSAL).xyz;
         drawn = moved(drawn, solve_transposed(cholesky, normals * job.spread));
     }
     modes[particle].drawn = vec4f(drawn, 0.0);

@@ -1,6 +1,8 @@
 // A pose for each particle, drawn from the motion (eq. 17).
 // Twin of src/evaluator/cpu/propagate.rs.
 
+const MAX_TAIL = 30.0;
+
 @compute @workgroup_size(64)
 fn propagate(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) lane: u32) {
     let group = groups[workgroup.x];
@@ -9,7 +11,10 @@ fn propagate(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
     }
     var noise = vec3f(0.0);
     if lane > 0u || group.exact_first == 0u {
-        let normals = random_normals(group.number + lane, job.draw);
+        let drawn = random_normals(group.number + lane, job.draw);
+        // Normal numbers over the size of another one are Cauchy's.
+        let tail = select(1.0, min(1.0 / abs(drawn.w), MAX_TAIL), job.is_heavy_tailed == 1u);
+        let normals = tail * drawn.xyz;
         let l = job.noise;
         noise = vec3f(
             l[0].x * normals.x,

@@ -16,6 +16,7 @@ var<workgroup> partial: array<Sums, 64>;
 
 // Longest step, and one that moves next to nothing: metres, metres, radians.
 const MAX_STEP = vec3f(0.3, 0.3, 0.15);
+const PRIOR_TAIL = 5.68775;
 const CONVERGED = vec3f(5e-4, 5e-4, 2e-4);
 
 fn add(a: Sums, b: Sums) -> Sums {
@@ -124,15 +125,18 @@ fn prior_at(pose: vec3f, mean: vec3f) -> Prior {
         dot(vec3f(xy, yy, yh), off),
         dot(vec3f(xh, yh, hh), off),
     );
+    // Cauchy's robust density: -c²/2 ln(1 + d²/c²) in place of -d²/2, whose weight falls with d².
+    let tail = 1.0 + dot(pull, off) / PRIOR_TAIL;
+    let weight = 1.0 / tail;
     return Prior(
-        -0.5 * dot(pull, off),
-        -vec3f(cos * pull.x + sin * pull.y, cos * pull.y - sin * pull.x, pull.z),
-        vec3f(
+        -0.5 * PRIOR_TAIL * ln(tail),
+        -weight * vec3f(cos * pull.x + sin * pull.y, cos * pull.y - sin * pull.x, pull.z),
+        weight * vec3f(
             cos * cos * xx + 2.0 * cos * sin * xy + sin * sin * yy,
             sin * sin * xx - 2.0 * cos * sin * xy + cos * cos * yy,
             hh,
         ),
-        vec3f(
+        weight * vec3f(
             cos * sin * (yy - xx) + (cos * cos - sin * sin) * xy,
             cos * xh + sin * yh,
             cos * yh - sin * xh,

@@ -41,17 +41,6 @@ impl Motion {
         Self { mean: Pose::IDENTITY, covariance: Matrix3::zeros() }
     }
 
-    /// The motion between two odometry poses (eq. 17).
-    pub fn from_odometry(odom_from_earlier: Pose, odom_from_later: Pose, config: &MotionConfig) -> Self {
-        let mean = odom_from_later.seen_from(odom_from_earlier);
-        let (distance, turn) = (mean.x.hypot(mean.y), mean.heading.abs());
-        let position =
-            config.position_floor + config.position_per_distance * distance + config.position_per_turn * turn;
-        let heading = config.heading_floor + config.heading_per_distance * distance + config.heading_per_turn * turn;
-        let diagonal = Vector3::new(position * position, position * position, heading * heading);
-        Self { mean, covariance: Matrix3::from_diagonal(&diagonal) }
-    }
-
     /// This motion and then another one: means compose, covariances are carried to the last frame and added.
     pub fn then(&self, next: &Motion) -> Self {
         let carry = next.mean.inverse().adjoint();
@@ -59,24 +48,102 @@ impl Motion {
     }
 }
 
+/// The way of a robot, however many readings it was cut into: where it leads to, and what its error grows with.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Travel {
+    /// The mean, `earlier_from_later`.
+    mean: Pose,
+    /// Length of the way \[m\].
+    distance: f64,
+    /// Sum of all turns, to the left or to the right \[rad\].
+    turn: f64,
+    /// Time for which nothing was measured \[s\].
+    unmeasured: f64,
+    /// Readings that it was cut into; without any there is no doubt.
+    readings: u32,
+}
+
+impl Travel {
+    /// A motion that odometry has measured.
+    pub fn measured(mean: Pose) -> Self {
+        Self { mean, distance: mean.x.hypot(mean.y), turn: mean.heading.abs(), unmeasured: 0.0, readings: 1 }
+    }
+
+    /// A guess of a motion that took so many seconds.
+    pub fn unmeasured(mean: Pose, seconds: f64) -> Self {
+        Self { mean, distance: 0.0, turn: 0.0, unmeasured: seconds, readings: 1 }
+    }
+
+    /// This way and then another one.
+    pub fn then(&self, next: &Self) -> Self {
+        Self {
+            mean: self.mean * next.mean,
+            distance: self.distance + next.distance,
+            turn: self.turn + next.turn,
+            unmeasured: self.unmeasured + next.unmeasured,
+            readings: self.readings.saturating_add(next.readings),
+        }
+    }
+
+    /// The distribution of the motion (eq. 17): standard deviations grow in proportion to distance, turn and unmeasured time,
+    /// as those of a scale error do.
+    pub fn motion(&self, config: &MotionConfig) -> Motion {
+        if self.readings == 0 {
+            return Motion::none();
+        }
+        let position = config.position_floor
+            + config.position_per_distance * self.distance
+            + config.position_per_turn * self.turn
+            + UNMEASURED_SPEED * self.unmeasured;
+        let heading = config.heading_floor
+            + config.heading_per_distance * self.distance
+            + config.heading_per_turn * self.turn
+            + UNMEASURED_TURN_RATE * self.unmeasured;
+        let diagonal = Vector3::new(position * position, position * position, heading * heading);
+        Motion { mean: self.mean, covariance: Matrix3::from_diagonal(&diagonal) }
+    }
+}
+
+/// Standard deviation of the speed of a robot that nothing measures \[m/s\]: a walking pace is two of them.
+const UNMEASURED_SPEED: f64 = 0.5;
+/// Standard deviation of its turn rate \[rad/s\]: a quarter turn a second is three of them.
+const UNMEASURED_TURN_RATE: f64 = 0.5;
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const CONFIG: MotionConfig = MotionConfig {
+        position_per_distance: 0.1,
+        position_per_turn: 0.3,
+        heading_per_distance: 0.02,
+        heading_per_turn: 0.5,
+        position_floor: 0.001,
+        heading_floor: 0.002,
+    };
+
     #[test]
     fn noise_grows_with_the_motion_as_configured() {
-        let config = MotionConfig {
-            position_per_distance: 0.1,
-            position_per_turn: 0.0,
-            heading_per_distance: 0.02,
-            heading_per_turn: 0.5,
-            position_floor: 0.001,
-            heading_floor: 0.002,
-        };
-        let motion = Motion::from_odometry(Pose::new(5.0, 5.0, 1.0), Pose::new(5.0, 7.0, 1.4), &config);
-        let expected = [0.001 + 0.1 * 2.0, 0.001 + 0.1 * 2.0, 0.002 + 0.02 * 2.0 + 0.5 * 0.4];
+        let moved = Pose::new(5.0, 7.0, 1.4).seen_from(Pose::new(5.0, 5.0, 1.0));
+        let motion = Travel::measured(moved).motion(&CONFIG);
+        let position = 0.001 + 0.1 * 2.0 + 0.3 * 0.4;
+        let expected = [position, position, 0.002 + 0.02 * 2.0 + 0.5 * 0.4];
         for (axis, sigma) in expected.into_iter().enumerate() {
             assert!((motion.covariance[(axis, axis)].sqrt() - sigma).abs() < 1e-12);
         }
+    }
+
+    /// An arc in one piece and in ten: the chord of a tenth is shorter by its curvature alone.
+    #[test]
+    fn noise_does_not_depend_on_into_how_many_readings_a_motion_is_cut() {
+        let arc = |turn: f64| Pose::new((turn.sin()) / 0.2, (1.0 - turn.cos()) / 0.2, turn);
+        let whole = Travel::measured(arc(0.1)).motion(&CONFIG);
+        let piece = Travel::measured(arc(0.01));
+        let cut = (0..10).fold(Travel::default(), |travel, _| travel.then(&piece)).motion(&CONFIG);
+        assert!((cut.mean.x - whole.mean.x).abs() < 1e-9 && (cut.mean.heading - 0.1).abs() < 1e-12);
+        let apart = (cut.covariance - whole.covariance).abs().max() / whole.covariance.max();
+        assert!(apart < 1e-3, "{apart}");
+        let guess = Travel::unmeasured(Pose::IDENTITY, 0.2).motion(&CONFIG).covariance;
+        assert!((guess[(0, 0)].sqrt() - 0.101).abs() < 1e-12, "{guess}");
     }
 }

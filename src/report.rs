@@ -194,6 +194,8 @@ pub struct RunResult {
     /// The pose at every odometry and laser reading, in the order of the log: the k-th is that of the k-th entry of
     /// [`readings`](crate::log::readings).
     pub poses: Vec<Estimate>,
+    /// Stamps \[s\] of the odometry that no robot can have driven, and that was left out, in the order of the log.
+    pub refused_odometry: Vec<f64>,
 }
 
 impl RunResult {

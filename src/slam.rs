@@ -29,6 +29,7 @@ use crate::ppca::Cluster;
 use crate::random::{Draw, bits, uniform};
 use crate::report::{Estimate, Estimator, Event, ReportedParticle, RunResult, StageTimes, StepReport, timed};
 use crate::scan::Scan;
+use crate::tracking::Tracker;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 
@@ -83,11 +84,8 @@ pub struct Slam {
     ancestry: Ancestry,
     readings: Vec<Reading>,
     steps: u32,
-    /// The motion since the last step by odometry alone ...
-    by_odometry: Motion,
-    /// ... and as the scans since then have corrected it.
-    tracked: Motion,
-    last_odometry: Option<Pose>,
+    /// The motion since the last step.
+    tracker: Tracker,
     times: StageTimes,
 }
 
@@ -117,9 +115,7 @@ impl Slam {
             ancestry,
             readings: Vec::new(),
             steps: 0,
-            by_odometry: Motion::none(),
-            tracked: Motion::none(),
-            last_odometry: None,
+            tracker: Tracker::new(config.motion, config.tracking),
             times: StageTimes::default(),
             config,
         }
@@ -133,10 +129,10 @@ impl Slam {
         if self.steps == 0 {
             self.place_first_readings(reading.odom_from_robot);
         }
-        let mut track_seconds = 0.0;
-        timed(&mut track_seconds, || self.track(reading.odom_from_robot, &tiles));
-        self.times.track += track_seconds;
-        let moved = self.tracked.mean;
+        let mut times = std::mem::take(&mut self.times);
+        timed(&mut times.track, || self.track(&tiles));
+        self.times = times;
+        let moved = self.tracker.tracked().mean;
         if self.steps > 0 && self.config.tracking.is_too_near(moved) {
             self.keep_reading(reading.stamp, reading.odom_from_robot, moved);
         } else {
@@ -203,24 +199,18 @@ impl Slam {
             times,
         }));
         self.steps += 1;
-        self.by_odometry = Motion::none();
-        self.tracked = Motion::none();
+        self.tracker.begin_step();
     }
 
     /// Tracks the robot from scan to scan in the best map: odometry, corrected by scan matching.
-    fn track(&mut self, odom_from_robot: Pose, tiles: &[Tile]) {
-        let since = match self.last_odometry.replace(odom_from_robot) {
-            Some(last) => Motion::from_odometry(last, odom_from_robot, &self.config.motion),
-            None => Motion::none(),
-        };
-        self.by_odometry = self.by_odometry.then(&since);
-        self.tracked = self.tracked.then(&since);
+    fn track(&mut self, tiles: &[Tile]) {
         let starts = self.config.tracking.starts;
-        let Some(information) = self.tracked.covariance.try_inverse().filter(|_| starts > 0 && self.steps > 0) else {
+        let tracked = self.tracker.tracked();
+        let Some(information) = tracked.covariance.try_inverse().filter(|_| starts > 0 && self.steps > 0) else {
             return;
         };
         let best = &self.hypotheses[self.best];
-        let expected = LocalPose::new(best.world_from_robot * self.tracked.mean, self.table.anchor());
+        let expected = LocalPose::new(best.world_from_robot * tracked.mean, self.table.anchor());
         let how = Propagation {
             step: self.readings.len() as u32,
             draw: Draw::Tracking,
@@ -228,14 +218,17 @@ impl Slam {
             particles_a_map: starts as usize,
             // Where odometry says.
             exact_first: true,
+            is_heavy_tailed: true,
             prior_information: packed(&information),
             ..self.propagation()
         };
         let maps = [self.near(&best.map, expected, tiles, how.longest_way())];
         let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
-        if let Some(mode) = best_mode(proposals) {
-            self.tracked.mean = mode.pose.in_world(self.table.anchor()).seen_from(best.world_from_robot);
-            self.tracked.covariance = unpacked(mode.information).try_inverse().unwrap_or(self.tracked.covariance);
+        if let Some(mode) = best_mode(proposals, self.config.filter.temper) {
+            self.tracker.correct(Motion {
+                mean: mode.pose.in_world(self.table.anchor()).seen_from(best.world_from_robot),
+                covariance: unpacked(mode.information).try_inverse().unwrap_or(tracked.covariance),
+            });
         }
     }
 
@@ -243,12 +236,13 @@ impl Slam {
     /// the scan with the particle's own map.
     fn propagate(&mut self, tiles: &[Tile]) -> Vec<Particle> {
         let (anchor, particles_a_map) = (self.table.anchor(), self.config.particles / self.config.maps);
+        let (tracked, by_odometry) = (self.tracker.tracked(), self.tracker.by_odometry());
         let start = |from: &Hypothesis| Start {
-            mean: LocalPose::new(from.world_from_robot * self.tracked.mean, anchor),
-            prior: LocalPose::new(from.world_from_robot * self.by_odometry.mean, anchor),
+            mean: LocalPose::new(from.world_from_robot * tracked.mean, anchor),
+            prior: LocalPose::new(from.world_from_robot * by_odometry.mean, anchor),
         };
         let starts: Vec<Start> = self.hypotheses.iter().map(start).collect();
-        let information = self.by_odometry.covariance.try_inverse().unwrap_or_else(Matrix3::zeros);
+        let information = by_odometry.covariance.try_inverse().unwrap_or_else(Matrix3::zeros);
         // At the first step there is no map to match.
         let iterations = if self.steps == 0 { 0 } else { self.config.proposal.iterations };
         let how = Propagation {
@@ -277,7 +271,7 @@ impl Slam {
 
     /// What tracking and the proposal have in common: the noise is that of the motion as the scans have corrected it.
     fn propagation(&self) -> Propagation<'static> {
-        let noise = Cholesky::of_covariance(&self.tracked.covariance);
+        let noise = Cholesky::of_covariance(&self.tracker.tracked().covariance);
         Propagation {
             seed: self.config.seed,
             step: self.steps,
@@ -285,6 +279,7 @@ impl Slam {
             starts: &[],
             particles_a_map: 0,
             exact_first: false,
+            is_heavy_tailed: false,
             noise,
             prior_information: [0.0; 6],
             iterations: self.config.proposal.iterations,
@@ -401,10 +396,13 @@ impl Estimator for Slam {
     fn add(&mut self, entry: &LogEntry, observe: &mut dyn FnMut(&Event<'_>)) {
         match entry {
             LogEntry::Odometry { stamp, odom_from_robot } => {
-                let since = self.last_odometry.map_or(Pose::IDENTITY, |last| odom_from_robot.seen_from(last));
-                self.keep_reading(*stamp, *odom_from_robot, self.tracked.mean * since);
+                self.tracker.add(*stamp, *odom_from_robot);
+                self.keep_reading(*stamp, *odom_from_robot, self.tracker.tracked().mean);
             }
-            LogEntry::Laser(reading) => self.add_laser(reading, observe),
+            LogEntry::Laser(reading) => {
+                self.tracker.add(reading.stamp, reading.odom_from_robot);
+                self.add_laser(reading, observe);
+            }
             LogEntry::Truth { .. } => return,
         }
         if let Some(&Reading { stamp, odom_from_robot, step_from_robot, .. }) = self.readings.last() {
@@ -428,6 +426,7 @@ impl Estimator for Slam {
         RunResult {
             map: LineMap { clusters: self.clusters_of(best), free: None },
             poses: self.readings.iter().map(estimate).collect(),
+            refused_odometry: self.tracker.refused().to_vec(),
         }
     }
 

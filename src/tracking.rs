@@ -1,6 +1,11 @@
-//! Between the steps of a filter: when the next step is due, and how the robot is followed till then.
+//! The motion of the robot since the last step of a filter: what odometry says, and as scans have corrected it since.
+//!
+//! Odometry is not always a measurement. A motion that no robot can have driven, between two readings, is none: the robot
+//! goes on as before, with the doubt of a motion that nobody measured, and scan matching decides. So is odometry that does not
+//! change at all: the robot stands, or nothing measures it.
 
 use crate::geometry::Pose;
+use crate::motion::{Motion, MotionConfig, Travel};
 use crate::parameters::parameters;
 
 parameters! {
@@ -13,12 +18,212 @@ parameters! {
         step_turn: f64 = 0.2, in 0.0..=f64::INFINITY;
         /// Starts of scan matching at each scan, drawn from the motion model; 0 follows odometry alone, as in the paper.
         starts: u32 = 24, in 0.0..=1e6;
+        /// Faster motions are none \[m/s\]: no robot with a plane laser drives as fast indoors.
+        max_speed: f64 = 5.0, in 1e-3..=f64::INFINITY;
+        /// Faster turns are none \[rad/s\]: robots on two wheels turn at up to 3.
+        max_turn_rate: f64 = 4.0, in 1e-3..=f64::INFINITY;
+        /// Motions that change the speed faster are none \[m/s²\]; tyres slide at about 10.
+        max_acceleration: f64 = 10.0, in 1e-3..=f64::INFINITY;
     }
 }
+
+/// Between two readings at least this much time is taken to have passed \[s\]: logs lose readings, and stamps are often those
+/// of receipt, which jitter by as much.
+const MIN_ELAPSED: f64 = 0.5;
+/// No guess of a motion reaches further \[s\].
+const MAX_GUESS: f64 = 1.0;
 
 impl TrackingConfig {
     /// Whether a robot that has moved so since the last step is still too near for another one.
     pub fn is_too_near(&self, moved: Pose) -> bool {
         moved.x.hypot(moved.y) < self.step_distance && moved.heading.abs() < self.step_turn
+    }
+
+    /// Whether a robot can have moved so in this time \[s\], after a motion at `speed` \[m/s\].
+    fn can_be_driven(&self, moved: Pose, seconds: f64, speed: f64) -> bool {
+        let seconds = if seconds > 0.0 { seconds.max(MIN_ELAPSED) } else { MAX_GUESS };
+        let distance = moved.x.hypot(moved.y);
+        let reachable = (speed + self.max_acceleration * seconds).min(self.max_speed) * seconds;
+        moved.is_finite() && distance <= reachable && moved.heading.abs() <= self.max_turn_rate * seconds
+    }
+}
+
+/// Odometry at a reading.
+#[derive(Clone, Copy, Debug)]
+struct Last {
+    stamp: f64,
+    odom_from_robot: Pose,
+}
+
+/// The motion since the last step.
+#[derive(Clone, Debug)]
+pub struct Tracker {
+    motion: MotionConfig,
+    tracking: TrackingConfig,
+    last: Option<Last>,
+    /// The last motion that was believed, a second of it: forward and sideways \[m/s\], turn \[rad/s\].
+    velocity: Pose,
+    since_step: Travel,
+    /// The motion from the last step to the last scan that corrected it, and the travel since.
+    corrected: Motion,
+    since_correction: Travel,
+    refused: Vec<f64>,
+}
+
+impl Tracker {
+    /// Nothing has moved.
+    pub fn new(motion: MotionConfig, tracking: TrackingConfig) -> Self {
+        Self {
+            motion,
+            tracking,
+            last: None,
+            velocity: Pose::IDENTITY,
+            since_step: Travel::default(),
+            corrected: Motion::none(),
+            since_correction: Travel::default(),
+            refused: Vec::new(),
+        }
+    }
+
+    /// Adds the motion since the last reading. Poses that are not finite move nothing and are forgotten.
+    pub fn add(&mut self, stamp: f64, odom_from_robot: Pose) {
+        if !odom_from_robot.is_finite() {
+            self.refused.push(stamp);
+            return;
+        }
+        let now = Last { stamp, odom_from_robot };
+        let Some(last) = self.last.replace(now) else { return };
+        let moved = odom_from_robot.seen_from(last.odom_from_robot);
+        let seconds = stamp - last.stamp;
+        let speed = self.velocity.x.hypot(self.velocity.y);
+        let travel = if !self.tracking.can_be_driven(moved, seconds, speed) {
+            self.refused.push(stamp);
+            let seconds = seconds.clamp(0.0, MAX_GUESS);
+            let Pose { x, y, heading } = self.velocity;
+            Travel::unmeasured(Pose::new(x * seconds, y * seconds, heading * seconds), seconds)
+        } else if moved == Pose::IDENTITY {
+            Travel::unmeasured(moved, seconds.clamp(0.0, MAX_GUESS))
+        } else {
+            self.believe(moved, seconds);
+            Travel::measured(moved)
+        };
+        self.since_step = self.since_step.then(&travel);
+        self.since_correction = self.since_correction.then(&travel);
+    }
+
+    /// The velocity follows the motions of the last half second.
+    fn believe(&mut self, moved: Pose, seconds: f64) {
+        if seconds > 0.0 {
+            let share = (seconds / MIN_ELAPSED).min(1.0);
+            let blend = |old: f64, moved: f64| old + share * (moved / seconds - old);
+            let Pose { x, y, heading } = self.velocity;
+            self.velocity = Pose { x: blend(x, moved.x), y: blend(y, moved.y), heading: blend(heading, moved.heading) };
+        }
+    }
+
+    /// The motion since the last step by odometry alone (eq. 17).
+    pub fn by_odometry(&self) -> Motion {
+        self.since_step.motion(&self.motion)
+    }
+
+    /// The motion since the last step, as scans have corrected it since.
+    pub fn tracked(&self) -> Motion {
+        self.corrected.then(&self.since_correction.motion(&self.motion))
+    }
+
+    /// A scan has corrected the motion since the last step.
+    pub fn correct(&mut self, tracked: Motion) {
+        self.corrected = tracked;
+        self.since_correction = Travel::default();
+    }
+
+    /// A step was taken here.
+    pub fn begin_step(&mut self) {
+        self.since_step = Travel::default();
+        self.correct(Motion::none());
+    }
+
+    /// Stamps \[s\] of the odometry that no robot can have driven, in the order of the log.
+    pub fn refused(&self) -> &[f64] {
+        &self.refused
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CONFIG: MotionConfig = MotionConfig {
+        position_per_distance: 0.1,
+        position_per_turn: 0.0,
+        heading_per_distance: 0.0,
+        heading_per_turn: 0.0,
+        position_floor: 0.01,
+        heading_floor: 0.01,
+    };
+
+    /// Half a metre a second, a reading each tenth of one; `spoil` changes odometry.
+    fn drive(spoil: impl Fn(u32, Pose) -> Pose) -> Tracker {
+        let mut tracker = Tracker::new(CONFIG, TrackingConfig::default());
+        for reading in 0..100 {
+            let pose = Pose::new(0.05 * f64::from(reading), 0.0, 0.0);
+            tracker.add(0.1 * f64::from(reading), spoil(reading, pose));
+        }
+        tracker
+    }
+
+    #[test]
+    fn odometry_that_can_be_driven_is_believed() {
+        let tracker = drive(|_, pose| pose);
+        assert!(tracker.refused().is_empty());
+        assert!((tracker.by_odometry().mean.x - 4.95).abs() < 1e-9);
+        assert!((tracker.by_odometry().covariance[(0, 0)].sqrt() - 0.505).abs() < 1e-9);
+    }
+
+    /// The robot goes on as before: a spike costs two readings, a restart one, and what follows is believed again.
+    #[test]
+    fn a_jump_is_no_motion() {
+        let far = Pose::new(5.0, 0.0, 0.0);
+        let spike = drive(|reading, pose| if reading == 50 { far * pose } else { pose });
+        let endless = drive(|reading, pose| if reading == 50 { Pose { x: 1e200, ..pose } } else { pose });
+        let restart = drive(|reading, pose| if reading < 50 { Pose::new(7.0, 9.0, 1.0) * pose } else { pose });
+        let turned = drive(|reading, pose| if reading == 50 { Pose { heading: 3.0, ..pose } } else { pose });
+        for (name, tracker, stamps) in [
+            ("spike", spike, vec![5.0, 5.1]),
+            ("1e200", endless, vec![5.0, 5.1]),
+            ("restart", restart, vec![5.0]),
+            ("turned", turned, vec![5.0, 5.1]),
+        ] {
+            let refused: Vec<f64> = tracker.refused().iter().map(|stamp| (stamp * 10.0).round() / 10.0).collect();
+            assert_eq!(refused, stamps, "{name}");
+            let Motion { mean, covariance } = tracker.by_odometry();
+            assert!((mean.x - 4.95).abs() < 0.02 && mean.y.abs() < 1e-9, "{name}: {mean:?}");
+            assert!(covariance[(0, 0)].sqrt() > 0.5, "{name}: as if it had been measured");
+        }
+        let mut blind = Tracker::new(CONFIG, TrackingConfig::default());
+        blind.add(0.0, Pose { x: f64::NAN, ..Pose::IDENTITY });
+        blind.add(0.1, Pose::new(3.0, 0.0, 0.0));
+        assert_eq!((blind.refused(), blind.by_odometry()), (&[0.0][..], Motion::none()), "nothing to compare with");
+    }
+
+    /// Odometry that never changes: after a second anything within half a metre is likely.
+    #[test]
+    fn a_motion_that_nobody_measured_is_doubted() {
+        let tracker = drive(|_, _| Pose::new(1.0, 2.0, 0.5));
+        let Motion { mean, covariance } = tracker.by_odometry();
+        assert_eq!((mean, tracker.refused().len()), (Pose::IDENTITY, 0));
+        assert!((covariance[(0, 0)].sqrt() - (0.01 + 0.5 * 9.9)).abs() < 1e-6, "{covariance}");
+    }
+
+    #[test]
+    fn a_scan_corrects_what_is_tracked_and_a_step_begins_anew() {
+        let mut tracker = drive(|_, pose| pose);
+        let corrected = Motion { mean: Pose::new(4.0, 0.5, 0.0), covariance: nalgebra::Matrix3::identity() * 1e-6 };
+        tracker.correct(corrected);
+        assert_eq!(tracker.tracked(), corrected);
+        tracker.add(10.0, Pose::new(5.0, 0.0, 0.0));
+        assert!((tracker.tracked().mean.x - 4.05).abs() < 1e-9 && (tracker.by_odometry().mean.x - 5.0).abs() < 1e-9);
+        tracker.begin_step();
+        assert_eq!((tracker.tracked(), tracker.by_odometry()), (Motion::none(), Motion::none()));
     }
 }

@@ -55,6 +55,11 @@ struct Job {
     from_own_pose: u32,
     // Standard deviation across thick walls at least.
     capture_sigma: f32,
+    // The noise of the motion has the tails of Cauchy's distribution.
+    is_heavy_tailed: u32,
+    padding0: u32,
+    padding1: u32,
+    padding2: u32,
 }
 
 struct Phase {

@@ -26,11 +26,12 @@ fn random_bits(particle: u32, draw: u32) -> vec4u {
     return counter;
 }
 
-// Three independent standard normal numbers (Box-Muller).
-fn random_normals(particle: u32, draw: u32) -> vec3f {
+// Four independent standard normal numbers (Box-Muller).
+fn random_normals(particle: u32, draw: u32) -> vec4f {
     let uniforms = (vec4f(random_bits(particle, draw) >> vec4u(9u)) + 0.5) * (1.0 / 8388608.0);
     let first = sqrt(-2.0 * ln(uniforms.x));
     let second = sqrt(-2.0 * ln(uniforms.z));
-    let turn = sin_cos(TAU * uniforms.y);
-    return vec3f(first * turn.y, first * turn.x, second * sin_cos(TAU * uniforms.w).y);
+    let first_turn = sin_cos(TAU * uniforms.y);
+    let second_turn = sin_cos(TAU * uniforms.w);
+    return vec4f(first * first_turn.y, first * first_turn.x, second * second_turn.y, second * second_turn.x);
 }

@@ -8,6 +8,7 @@ use super::output::Outputs;
 use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::run::ThreadArgs;
+use super::summary::refused_odometry;
 use anyhow::{Context as _, anyhow, bail, ensure};
 use ipslam::clustering::ClusteringConfig;
 use ipslam::config::{Config, LocalizationConfig};
@@ -332,6 +333,7 @@ impl Summary<'_> {
                 "log_s": self.log_seconds(),
                 "times_real_time": self.log_seconds() / self.outcome.filter_seconds.max(1e-9),
             },
+            "refused_odometry": self.outcome.result.refused_odometry.len(),
             "evaluator_failure": self.outcome.evaluator_failure,
         })
     }
@@ -359,6 +361,7 @@ impl Summary<'_> {
             format!("{:.1} s: {speed:.1} times real time; first step {first:.0} ms", self.outcome.filter_seconds),
         ));
         rows.push(("", format!("particles on the {}", self.info.device)));
+        rows.extend(refused_odometry(&self.outcome.result).map(|warning| ("warning", warning)));
         rows.extend(self.outcome.evaluator_failure.iter().map(|failure| ("warning", failure.clone())));
         rows.iter().fold(String::new(), |mut table, (label, text)| {
             let _ = writeln!(table, "{label:<8} {text}");

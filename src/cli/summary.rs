@@ -3,7 +3,7 @@
 use super::eval::Report;
 use ipslam::config::SlamConfig;
 use ipslam::pipeline::{End, Outcome};
-use ipslam::report::StageTimes;
+use ipslam::report::{RunResult, StageTimes};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -70,13 +70,14 @@ impl Summary<'_> {
         match stats.laser_without_odometry {
             0 => {}
             all if all == stats.laser => {
-                warnings.push("no odometry at all: the map is made by matching scans alone".to_owned());
+                warnings.push("no odometry at all: the map is made by matching scans alone, and may be wrong where they show little; look at it".to_owned());
             }
             some => warnings.push(format!(
                 "scans before any odometry, or in a bag more than 1 s from it: {some}; they were taken to be where it starts \
                  or is nearest"
             )),
         }
+        warnings.extend(refused_odometry(&self.mapped.result));
         if stats.laser_without_mounting > 0 {
             warnings.push(
                 "the bag does not tell where the laser is mounted (no chain of transforms on /tf_static): it was taken to be \
@@ -229,6 +230,16 @@ impl Summary<'_> {
         }
         table
     }
+}
+
+/// What to say of odometry that was not believed, if there is any.
+pub fn refused_odometry(result: &RunResult) -> Option<String> {
+    let first = result.refused_odometry.first()?;
+    Some(format!(
+        "odometry that no robot can have driven (a jump, a restart, no number): {}, first at stamp {first}; scan matching \
+         bridged it (options tracking.max_speed, max_turn_rate, max_acceleration)",
+        result.refused_odometry.len()
+    ))
 }
 
 /// JSON has no infinity and `serde_json` writes null for it; of a configuration that was found valid no number is else.

@@ -31,6 +31,7 @@ use crate::report::{
     Confidence, Estimate, Estimator, Event, ReportedParticle, RunResult, StageTimes, StepReport, timed,
 };
 use crate::scan::Scan;
+use crate::tracking::Tracker;
 use estimate::{BEST_KNOWN, Cloud, Trust, best_known, is_plausible};
 use nalgebra::{Matrix3, Point2};
 use std::f64::consts::{PI, TAU};
@@ -83,11 +84,8 @@ pub struct Localization {
     steps: u32,
     /// Laser readings so far.
     scans: u32,
-    /// The motion since the last step, by odometry alone ...
-    by_odometry: Motion,
-    /// ... and corrected by the scans, where the robot is located.
-    tracked: Motion,
-    last_odometry: Option<Pose>,
+    /// The motion since the last step; scans correct it where the robot is located.
+    tracker: Tracker,
     /// Of tracking between steps, since the last one.
     times: StageTimes,
 }
@@ -148,9 +146,7 @@ impl Localization {
             estimates: Vec::new(),
             steps: 0,
             scans: 0,
-            by_odometry: Motion::none(),
-            tracked: Motion::none(),
-            last_odometry: None,
+            tracker: Tracker::new(config.motion, config.tracking),
             times: StageTimes::default(),
         };
         let first = this.first_particles(initial);
@@ -169,17 +165,8 @@ impl Localization {
         let mut times = std::mem::take(&mut self.times);
         timed(&mut times.track, || self.track(&tiles));
         self.times = times;
-        if self.steps == 0 || !self.config.tracking.is_too_near(self.tracked.mean) {
+        if self.steps == 0 || !self.config.tracking.is_too_near(self.tracker.tracked().mean) {
             self.step(scan, &tiles, odom_from_robot, observe);
-        }
-    }
-
-    /// Adds the motion since the last reading.
-    fn follow(&mut self, odom_from_robot: Pose) {
-        if let Some(last) = self.last_odometry.replace(odom_from_robot) {
-            let since = Motion::from_odometry(last, odom_from_robot, &self.config.motion);
-            self.by_odometry = self.by_odometry.then(&since);
-            self.tracked = self.tracked.then(&since);
         }
     }
 
@@ -219,19 +206,18 @@ impl Localization {
             times,
         }));
         self.last = Some(located);
-        self.by_odometry = Motion::none();
-        self.tracked = Motion::none();
+        self.tracker.begin_step();
         self.steps += 1;
     }
 
     /// Draws the motion of every particle (eq. 17) and weighs it (eq. 18), among walls as thick as particles are sparse.
     fn predict_and_weigh(&mut self, tiles: &[Tile]) -> Vec<Weighed> {
-        let Pose { x, y, heading } = self.tracked.mean;
+        let Pose { x, y, heading } = self.tracker.tracked().mean;
         let how = Advance {
             seed: self.config.seed,
             step: self.steps,
             motion: [x, y, heading].map(|number| number as f32),
-            noise: Cholesky::of_covariance(&self.by_odometry.covariance),
+            noise: Cholesky::of_covariance(&self.tracker.by_odometry().covariance),
             capture_sigma: self.capture_sigma as f32,
         };
         let scene = Scene { table: &self.walls.table, tiles, maps: &self.walls.slots };
@@ -244,14 +230,14 @@ impl Localization {
     fn track(&mut self, tiles: &[Tile]) {
         let Some(last) = self.last.filter(|last| last.confidence.is_located) else { return };
         let anchor = self.walls.table.anchor();
-        let expected = LocalPose::new(last.world_from_robot * self.tracked.mean, anchor).in_world(Point2::origin());
-        let covariance = self.tracked.covariance;
+        let Motion { mean, covariance } = self.tracker.tracked();
+        let expected = LocalPose::new(last.world_from_robot * mean, anchor).in_world(Point2::origin());
         let found = self.climb(expected, &covariance, tiles);
         let mean = found.pose.in_world(anchor).seen_from(last.world_from_robot);
         // In a long corridor, or where the map shows little, a scan may hold back the pose while the robot drives on.
-        if is_plausible(mean, &self.by_odometry, best_known(1.0)) {
-            self.tracked.mean = mean;
-            self.tracked.covariance = unpacked(found.information).try_inverse().unwrap_or(covariance);
+        if is_plausible(mean, &self.tracker.by_odometry(), best_known(1.0)) {
+            let covariance = unpacked(found.information).try_inverse().unwrap_or(covariance);
+            self.tracker.correct(Motion { mean, covariance });
         }
     }
 
@@ -279,6 +265,7 @@ impl Localization {
             particles_a_map: self.config.tracking.starts.max(1) as usize,
             // Where it is expected.
             exact_first: true,
+            is_heavy_tailed: true,
             noise: Cholesky::of_covariance(covariance),
             prior_information: packed(&information),
             iterations: ITERATIONS,
@@ -288,7 +275,7 @@ impl Localization {
         let reach = reach(tiles) + how.longest_way();
         let maps = [self.walls.table.near(&self.walls.slots[0], mean.x, mean.y, reach)];
         let scene = Scene { table: &self.walls.table, tiles, maps: &maps };
-        best_mode(self.evaluator.propagate(&scene, &how)).unwrap_or_default()
+        best_mode(self.evaluator.propagate(&scene, &how), self.config.temper).unwrap_or_default()
     }
 
     /// Can the robot have come here since the last step? At a place that only looks like the right one the estimate jumps.
@@ -296,7 +283,7 @@ impl Localization {
     fn is_expected(&self, world_from_robot: Pose) -> bool {
         let Some(last) = self.last else { return true };
         let times = (self.walls.sigma() / BEST_KNOWN.x).max(1.0);
-        is_plausible(world_from_robot.seen_from(last.world_from_robot), &self.by_odometry, best_known(times))
+        is_plausible(world_from_robot.seen_from(last.world_from_robot), &self.tracker.by_odometry(), best_known(times))
     }
 
     /// Draws the particles anew, a share of them from anywhere. KLD sampling tells how many there are, systematic resampling
@@ -372,11 +359,11 @@ impl Estimator for Localization {
         let (stamp, odom_from_robot) = match entry {
             LogEntry::Truth { .. } => return,
             LogEntry::Odometry { stamp, odom_from_robot } => {
-                self.follow(*odom_from_robot);
+                self.tracker.add(*stamp, *odom_from_robot);
                 (*stamp, *odom_from_robot)
             }
             LogEntry::Laser(reading) => {
-                self.follow(reading.odom_from_robot);
+                self.tracker.add(reading.stamp, reading.odom_from_robot);
                 let scan = Scan::from_reading(reading, &self.config.scan);
                 observe(&Event::Scan(&scan));
                 self.add_scan(&scan, reading.odom_from_robot, observe);
@@ -386,7 +373,7 @@ impl Estimator for Localization {
         let estimate = Estimate {
             stamp,
             odom_from_robot,
-            world_from_robot: self.last.map(|last| last.world_from_robot * self.tracked.mean),
+            world_from_robot: self.last.map(|last| last.world_from_robot * self.tracker.tracked().mean),
             confidence: self.last.map(|last| last.confidence),
         };
         self.estimates.push(estimate);
@@ -395,7 +382,7 @@ impl Estimator for Localization {
 
     fn result(&self) -> RunResult {
         let map = LineMap { clusters: self.walls.clusters.clone(), free: Some(self.free.clone()) };
-        RunResult { map, poses: self.estimates.clone() }
+        RunResult { map, poses: self.estimates.clone(), refused_odometry: self.tracker.refused().to_vec() }
     }
 
     fn evaluator_failure(&self) -> Option<&DeviceError> {
@@ -418,8 +405,10 @@ fn fraction(high: u32, low: u32) -> f64 {
 mod tests {
     use super::*;
     use crate::grid::{Cell, OccupancyGrid};
+    use crate::motion::MotionConfig;
     use crate::ppca::Cluster;
-    use nalgebra::{Vector2, Vector3};
+    use crate::tracking::TrackingConfig;
+    use nalgebra::Vector2;
 
     /// A metre forward, turning to the left, known to 12 cm (with the 5 cm of a top to 13 cm) and 0.048 rad (0.052):
     /// √11.345 = 3.37 standard deviations are 44 cm and 0.175 rad.
@@ -434,8 +423,7 @@ mod tests {
         let world_from_robot = Pose::new(5.0, 3.0, 3.1);
         let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: false };
         filter.last = Some(Located { world_from_robot, confidence });
-        let covariance = Matrix3::from_diagonal(&Vector3::new(0.12_f64, 0.12, 0.048).map(|sigma| sigma * sigma));
-        filter.by_odometry = Motion { mean: Pose::new(1.0, 0.0, 0.1), covariance };
+        filter.tracker = moved(Pose::new(1.0, 0.0, 0.1), 0.12, 0.048);
         let is_expected = |x, y, turn| filter.is_expected(world_from_robot * Pose::new(1.0 + x, y, 0.1 + turn));
         assert!(is_expected(0.0, 0.0, 0.0) && is_expected(0.43, 0.0, 0.0) && is_expected(0.0, -0.43, 0.0));
         assert!(is_expected(0.0, 0.0, 0.17) && is_expected(0.0, 0.0, -0.17));
@@ -452,6 +440,22 @@ mod tests {
     fn wall(x: f64, y: f64, length: f64, direction: Vector2<f64>) -> Cluster {
         let along_variance = length * length / 12.0;
         Cluster { mean: Point2::new(x, y), direction, along_variance, across_variance: 1e-4, count: 100.0 }
+    }
+
+    /// Odometry of one motion that takes ten seconds, known to these standard deviations \[m, rad\].
+    fn moved(mean: Pose, position_floor: f64, heading_floor: f64) -> Tracker {
+        let motion = MotionConfig {
+            position_per_distance: 0.0,
+            position_per_turn: 0.0,
+            heading_per_distance: 0.0,
+            heading_per_turn: 0.0,
+            position_floor,
+            heading_floor,
+        };
+        let mut tracker = Tracker::new(motion, TrackingConfig::default());
+        tracker.add(0.0, Pose::IDENTITY);
+        tracker.add(10.0, mean);
+        tracker
     }
 
     /// The walls of a room of 6 by 4 m.
@@ -525,15 +529,13 @@ mod tests {
     fn the_scan_corrects_odometry_but_cannot_hold_back_the_robot() {
         let tracked = |odometry: f64| {
             let mut filter = filter(room(), ROBOT);
-            let motion = |sigma: f64| Motion {
-                mean: Pose::new(odometry, 0.0, 0.0),
-                covariance: Matrix3::identity() * (sigma * sigma),
-            };
-            filter.by_odometry = motion(0.05);
-            filter.tracked = motion(1.0);
+            let mean = Pose::new(odometry, 0.0, 0.0);
+            filter.tracker = moved(mean, 0.05, 0.05);
+            let by_odometry = filter.tracker.by_odometry();
+            filter.tracker.correct(Motion { mean, covariance: Matrix3::identity() });
             filter.track(&tiles_seen());
-            assert_eq!(filter.by_odometry, motion(0.05));
-            filter.tracked
+            assert_eq!(filter.tracker.by_odometry(), by_odometry);
+            filter.tracker.tracked()
         };
         // √11.345 √(0.05² + 0.05²) are 0.238 m.
         let Motion { mean, covariance } = tracked(0.22);

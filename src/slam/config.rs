@@ -93,7 +93,7 @@ impl SlamConfig {
                 max_gap: f64::INFINITY,
                 ..ClusteringConfig::default()
             },
-            tracking: TrackingConfig { step_distance: 0.0, step_turn: 0.0, starts: 0 },
+            tracking: TrackingConfig { step_distance: 0.0, step_turn: 0.0, starts: 0, ..TrackingConfig::default() },
             proposal: ProposalConfig { iterations: 0, capture_sigma: 0.05, spread: 1.0 },
             likelihood: LikelihoodConfig {
                 sigma_floor: 0.05,

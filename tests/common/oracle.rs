@@ -76,7 +76,7 @@ pub fn thick(clusters: &[Cluster], sigma: f64) -> Vec<Cluster> {
     clusters.iter().map(thick).collect()
 }
 
-/// Gauss-Newton steps from `start` up the log of eq. 18 plus that of a normal prior around `prior`, by differences of the
+/// Gauss-Newton steps from `start` up the log of eq. 18 plus that of a robust prior around `prior`, by differences of the
 /// residuals: thick walls for half of the steps, then walls as they are. At most 0.3 m, 0.3 m, 0.15 rad a step.
 pub fn slow_climb(
     clusters: &[Cluster],
@@ -115,8 +115,10 @@ fn slow_steps(
     let mut pose = start;
     for _ in 0..iterations {
         let jacobian = Matrix3::from_fn(|row, axis| derivative(pose, &|p| off(p)[row])[axis]);
-        let mut information = jacobian.transpose() * prior_information * jacobian;
-        let mut gradient = -(jacobian.transpose() * prior_information * off(pose));
+        // Cauchy's weight of the prior, 1 / (1 + d²/c²) with c = 2.3849.
+        let weight = 1.0 / (1.0 + (off(pose).transpose() * prior_information * off(pose))[0] / 5.68775);
+        let mut information = jacobian.transpose() * prior_information * jacobian * weight;
+        let mut gradient = -(jacobian.transpose() * prior_information * off(pose)) * weight;
         for &point in points {
             let world = pose * point;
             let density = |cluster: &&Cluster| slow_density(cluster, world, config);

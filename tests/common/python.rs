@@ -8,20 +8,8 @@ use std::process::Command;
 const PACKAGES: [&str; 9] =
     ["evo", "PyYAML", "Pillow", "jsonschema", "geojson", "shapely", "rosbags==0.11.9", "mcap==1.6.0", "numpy"];
 
-/// A Python with these packages, in an environment of its own that the first test makes. `None`, with a notice, where it
-/// cannot be had and IPSLAM_REQUIRE does not name `python`.
-pub fn python() -> Option<PathBuf> {
-    let missing = match environment() {
-        Ok(python) => return Some(python),
-        Err(missing) => missing,
-    };
-    let required = std::env::var("IPSLAM_REQUIRE").is_ok_and(|required| required.contains("python"));
-    assert!(!required, "IPSLAM_REQUIRE asks for python, but {missing}");
-    eprintln!("SKIPPED, NOT TESTED: {missing}");
-    None
-}
-
-fn environment() -> Result<PathBuf, String> {
+/// A Python with these packages, in an environment of its own that the first test makes; or why it cannot be had.
+pub fn environment() -> Result<PathBuf, String> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python");
     let (python, complete) = (folder.join("bin/python"), folder.join("packages"));
     // One test makes it, the others wait.

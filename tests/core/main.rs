@@ -3,7 +3,7 @@
 //! Random numbers are the library's own counter-based ones, whose known answers are tested beside them; every seed is a
 //! constant and part of the message of a failure.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helpers may fail as a test does")]
 
 mod anderson_darling;
 mod clustering;
@@ -16,7 +16,9 @@ mod matching;
 mod merging;
 #[path = "../common/oracle.rs"]
 mod oracle;
+mod picture;
 mod proposal;
+mod simulate;
 #[path = "../common/wall.rs"]
 mod wall;
 

@@ -55,6 +55,7 @@ fn propose(
     table.update(&mut pool, start);
     let start = Start { mean: LocalPose::new(start, table.anchor()), prior: LocalPose::new(prior, table.anchor()) };
     let how = Propagation {
+        is_heavy_tailed: false,
         seed: SEED,
         step: 1,
         draw: Draw::Motion,

@@ -82,6 +82,7 @@ pub fn how<'a>(starts: &'a [Start], particles_a_map: usize, iterations: u32) -> 
         starts,
         particles_a_map,
         exact_first: false,
+        is_heavy_tailed: false,
         noise: Cholesky([0.1, 0.02, 0.1, 0.01, -0.02, 0.05]),
         prior_information: [400.0, 20.0, 0.0, 400.0, -10.0, 1000.0],
         iterations,

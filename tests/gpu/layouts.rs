@@ -3,7 +3,7 @@
 use ipslam::evaluator::gpu::kernels::{Kernel, Together};
 use ipslam::evaluator::gpu::layout::{GROUP, Group, GroupBounds, Job, LIST_ROOM, ParticleMode, Phase};
 use ipslam::evaluator::tiles::Tile;
-use ipslam::evaluator::{CONVERGED, MAX_STEP};
+use ipslam::evaluator::{CONVERGED, MAX_STEP, MAX_TAIL, PRIOR_TAIL};
 use ipslam::likelihood::ClusterParams;
 use ipslam::random::Draw;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -61,7 +61,11 @@ pub fn structs_lie_alike_on_both_sides() {
             tile_count,
             log_outlier,
             from_own_pose,
-            capture_sigma
+            capture_sigma,
+            is_heavy_tailed,
+            padding0,
+            padding1,
+            padding2
         ),
         fields!(Phase, restart, may_step),
     ];
@@ -85,6 +89,8 @@ pub fn constants_are_the_same_on_both_sides() {
         (Kernel::Cull, format!("const LIST_ROOM = {LIST_ROOM}u;")),
         (Kernel::Draw, format!("const DRAW_PROPOSAL = {}u;", Draw::Proposal as u32)),
         (Kernel::Refine, format!("const MAX_STEP = {};", vector(MAX_STEP))),
+        (Kernel::Refine, format!("const PRIOR_TAIL = {PRIOR_TAIL};")),
+        (Kernel::Propagate, format!("const MAX_TAIL = {MAX_TAIL:?};")),
         (
             Kernel::Refine,
             format!("const CONVERGED = vec3f({:e}, {:e}, {:e});", CONVERGED[0], CONVERGED[1], CONVERGED[2]),

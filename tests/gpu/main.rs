@@ -6,13 +6,17 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-#[path = "../common/mod.rs"]
-mod common;
 mod consistency;
 mod failing;
 mod layouts;
+#[allow(dead_code, reason = "the tests need devices, and of this the folder of logs alone")]
+#[path = "../common/needs.rs"]
+mod needs;
 #[path = "../common/oracle.rs"]
 mod oracle;
+#[allow(dead_code, reason = "as above")]
+#[path = "../common/python.rs"]
+mod python;
 #[path = "../common/wall.rs"]
 mod wall;
 mod worlds;

@@ -1,6 +1,6 @@
 //! Maps, scans and poses to evaluate: random ones, real ones, and hard ones.
 
-use crate::common::data;
+use crate::needs::data_folder;
 use crate::oracle::Likelihood;
 use crate::wall::wall;
 use ipslam::ablation::Latent;
@@ -148,7 +148,10 @@ pub fn all() -> Vec<World> {
 
 /// Real scans: a map of one of them, seen by the next one.
 fn real() -> Vec<World> {
-    let Some(path) = data("csail/mit-csail.clf.gz") else { return Vec::new() };
+    let path = data_folder().join("csail/mit-csail.clf.gz");
+    if !path.is_file() {
+        return Vec::new();
+    }
     let scans = CarmenLog::new(path).open().unwrap().filter_map(|entry| match entry.unwrap() {
         LogEntry::Laser(reading) => Some(Scan::from_reading(&reading, &ScanConfig::default())),
         _ => None,

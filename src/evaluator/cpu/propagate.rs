@@ -1,7 +1,7 @@
 //! Drawing a pose from the motion (eq. 17); twin of `shaders/propagate.wgsl`.
 
 use crate::evaluator::pose::LocalPose;
-use crate::evaluator::{Advance, Propagation};
+use crate::evaluator::{Advance, MAX_TAIL, Propagation};
 use crate::random::{Draw, normals};
 
 /// A pose from the motion (eq. 17).
@@ -10,8 +10,10 @@ pub(super) fn propagate(particle: u32, map: usize, how: &Propagation<'_>) -> Loc
     if how.exact_first && particle as usize == map * how.particles_a_map {
         return mean;
     }
-    let [x, y, heading, _] = normals(how.seed, how.step, particle, how.draw);
-    mean.moved(how.noise.times([x, y, heading]))
+    let [x, y, heading, divisor] = normals(how.seed, how.step, particle, how.draw);
+    // Normal numbers over the size of another one are Cauchy's.
+    let tail = if how.is_heavy_tailed { (1.0 / divisor.abs()).min(MAX_TAIL) } else { 1.0 };
+    mean.moved(how.noise.times([x, y, heading].map(|number| tail * number)))
 }
 
 /// The pose of a particle that moves from where it is.

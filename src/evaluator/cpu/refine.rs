@@ -5,8 +5,8 @@ use super::likeliest::{Best, Placed, View};
 use crate::evaluator::cholesky::Cholesky;
 use crate::evaluator::pose::LocalPose;
 use crate::evaluator::tiles::{TILE, Tile};
-use crate::evaluator::{CONVERGED, MAX_STEP, Mode, PosePrior, SLACK};
-use crate::math::{sin_cos, wrap};
+use crate::evaluator::{CONVERGED, MAX_STEP, Mode, PRIOR_TAIL, PosePrior, SLACK};
+use crate::math::{ln, sin_cos, wrap};
 use pulp::{Arch, Simd, WithSimd};
 
 /// Climbs from each start to the nearest top of the posterior of one scan in one map.
@@ -93,17 +93,23 @@ impl PriorModel {
             xy * off[0] + yy * off[1] + yh * off[2],
             xh * off[0] + yh * off[1] + hh * off[2],
         ];
+        // Cauchy's robust density: -c²/2 ln(1 + d²/c²) in place of -d²/2, whose weight falls with d².
+        let distance2 = pull[0] * off[0] + pull[1] * off[1] + pull[2] * off[2];
+        let tail = 1.0 + distance2 / PRIOR_TAIL;
+        let weight = 1.0 / tail;
+        let gradient = [-(cos * pull[0] + sin * pull[1]), -(cos * pull[1] - sin * pull[0]), -pull[2]];
+        let information = [
+            cos * cos * xx + 2.0 * cos * sin * xy + sin * sin * yy,
+            cos * sin * (yy - xx) + (cos * cos - sin * sin) * xy,
+            cos * xh + sin * yh,
+            sin * sin * xx - 2.0 * cos * sin * xy + cos * cos * yy,
+            cos * yh - sin * xh,
+            hh,
+        ];
         Self {
-            log_density: -0.5 * (pull[0] * off[0] + pull[1] * off[1] + pull[2] * off[2]),
-            gradient: [-(cos * pull[0] + sin * pull[1]), -(cos * pull[1] - sin * pull[0]), -pull[2]],
-            information: [
-                cos * cos * xx + 2.0 * cos * sin * xy + sin * sin * yy,
-                cos * sin * (yy - xx) + (cos * cos - sin * sin) * xy,
-                cos * xh + sin * yh,
-                sin * sin * xx - 2.0 * cos * sin * xy + cos * cos * yy,
-                cos * yh - sin * xh,
-                hh,
-            ],
+            log_density: -0.5 * PRIOR_TAIL * ln(tail),
+            gradient: gradient.map(|number| weight * number),
+            information: information.map(|number| weight * number),
         }
     }
 }

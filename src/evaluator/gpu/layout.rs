@@ -80,6 +80,14 @@ pub struct Job {
     pub from_own_pose: u32,
     /// Standard deviation across thick walls at least.
     pub capture_sigma: f32,
+    /// 1: the noise of the motion has the tails of Cauchy's distribution.
+    pub is_heavy_tailed: u32,
+    /// A uniform takes a multiple of 16 bytes.
+    pub padding0: u32,
+    /// As above.
+    pub padding1: u32,
+    /// As above.
+    pub padding2: u32,
 }
 
 impl Job {
@@ -112,6 +120,7 @@ impl Job {
             slack: [slack[0], slack[0], slack[1]],
             spread: how.spread,
             capture_sigma: how.capture_sigma,
+            is_heavy_tailed: how.is_heavy_tailed.into(),
             ..Self::look(tile_count, log_outlier)
         }
     }

@@ -1,15 +1,8 @@
 //! ROS 2 bags, written by Python packages that know nothing of this library: a CARMEN log told as a bag in several
 //! ways has to be the log that it was, and small bags show each rule and each kind of damage.
 
-#![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "helpers of tests")]
-
-mod common;
-#[path = "common/logs.rs"]
-mod logs;
-#[path = "common/python.rs"]
-mod python;
-
-use common::data;
+use crate::logs::{Outcome, drain, same_pose};
+use crate::needs::{data, python};
 use ipslam::config::SlamConfig;
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::CarmenLog;
@@ -19,29 +12,23 @@ use ipslam::log::{LaserReading, LogEntry, LogError, LogSource, LogStats};
 use ipslam::ppca::Cluster;
 use ipslam::report::Estimator as _;
 use ipslam::slam::Slam;
-use logs::{Outcome, drain, same_pose};
 use proptest::prelude::*;
-use python::python;
 use serde_json::{Value, json};
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
-use std::sync::LazyLock;
 use tempfile::TempDir;
 
 const TOPICS: Topics = Topics { scan: None, odometry: None };
 
-static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(python);
-
-/// Runs the writer of bags; `None` where there is no Python for it.
-fn write_bags(arguments: &[&str]) -> Option<()> {
-    let output = Command::new(PYTHON.as_ref()?)
+/// Runs the writer of bags.
+fn write_bags(arguments: &[&str]) {
+    let output = Command::new(python())
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/tools/write_bags.py"))
         .args(arguments)
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    Some(())
 }
 
 fn read(log: &dyn LogSource) -> Outcome {
@@ -80,10 +67,10 @@ const SCANS: usize = 300;
 const TOLERANCE: f64 = 1e-12;
 
 /// The bags, and the CARMEN log as its entries.
-fn carmen_as_bags() -> Option<(TempDir, Vec<LaserReading>)> {
-    let log = data("csail/mit-csail.clf.gz")?;
+fn carmen_as_bags() -> (TempDir, Vec<LaserReading>) {
+    let log = data("csail/mit-csail.clf.gz");
     let folder = tempfile::tempdir().unwrap();
-    write_bags(&["carmen", log.to_str().unwrap(), &SCANS.to_string(), folder.path().to_str().unwrap()])?;
+    write_bags(&["carmen", log.to_str().unwrap(), &SCANS.to_string(), folder.path().to_str().unwrap()]);
     let scans = CarmenLog::new(log).open().unwrap().filter_map(|entry| match entry.unwrap() {
         LogEntry::Laser(reading) => Some(reading),
         _ => None,
@@ -100,7 +87,7 @@ fn carmen_as_bags() -> Option<(TempDir, Vec<LaserReading>)> {
     };
     let scans: Vec<_> = scans.take(SCANS).map(as_message).collect();
     assert_eq!(scans.len(), SCANS);
-    Some((folder, scans))
+    (folder, scans)
 }
 
 /// Odometry and laser of every scan, which are told at the same stamp.
@@ -114,12 +101,11 @@ fn as_entries(scans: &[LaserReading]) -> Vec<LogEntry> {
 
 /// Angles are passed on as they are.
 fn same(a: &LogEntry, b: &LogEntry) -> bool {
-    logs::same(a, b, TOLERANCE, 0.0)
+    crate::logs::same(a, b, TOLERANCE, 0.0)
 }
 
-#[test]
 fn a_bag_tells_what_the_carmen_log_told() {
-    let Some((folder, scans)) = carmen_as_bags() else { return };
+    let (folder, scans) = carmen_as_bags();
     let expected = as_entries(&scans);
     for bag in ["none.mcap", "lz4.mcap", "zstd.mcap", "unchunked.mcap", "transforms.mcap", "folder", "split"] {
         let outcome = read(&*open_log(folder.path().join(bag), &TOPICS).unwrap());
@@ -147,9 +133,8 @@ fn a_bag_tells_what_the_carmen_log_told() {
     }
 }
 
-#[test]
 fn a_bag_gives_the_map_of_the_carmen_log() {
-    let Some((folder, scans)) = carmen_as_bags() else { return };
+    let (folder, scans) = carmen_as_bags();
     let config = SlamConfig { particles: 8, maps: 8, seed: 1, ..SlamConfig::default() };
     let map = |entries: &[LogEntry]| {
         let mut slam = Slam::new(config);
@@ -175,9 +160,8 @@ fn a_bag_gives_the_map_of_the_carmen_log() {
 }
 
 /// The files of a bag are one log only if its metadata says so, and all of them.
-#[test]
 fn a_bag_in_several_files_is_read_as_its_metadata_tells() {
-    let Some((folder, _)) = carmen_as_bags() else { return };
+    let (folder, _) = carmen_as_bags();
     let split = folder.path().join("split");
     let error = || {
         let opened = open_log(&split, &TOPICS).map(|log| read(&*log).error.expect("read without an error").to_string());
@@ -202,7 +186,7 @@ fn a_bag_in_several_files_is_read_as_its_metadata_tells() {
 // ---- Small bags
 
 /// Writes these bags, each `{name, messages, ...}` as the writer understands it, into a new folder.
-fn bags(bags: Value) -> Option<TempDir> {
+fn bags(bags: Value) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let Value::Array(mut bags) = bags else { panic!("a list of bags") };
     for bag in &mut bags {
@@ -210,8 +194,8 @@ fn bags(bags: Value) -> Option<TempDir> {
     }
     let spec = folder.path().join("spec.json");
     std::fs::write(&spec, Value::Array(bags).to_string()).unwrap();
-    write_bags(&["spec", spec.to_str().unwrap()])?;
-    Some(folder)
+    write_bags(&["spec", spec.to_str().unwrap()]);
+    folder
 }
 
 /// Stamps are tenths of a second.
@@ -254,9 +238,8 @@ fn raw(topic: &str, schema: &str, encoding: &str, data: &str) -> Value {
 
 const LASER_SCAN: &str = "sensor_msgs/msg/LaserScan";
 
-#[test]
 fn odometry_at_a_scan_lies_between_its_neighbours() {
-    let Some(folder) = bags(json!([{"name": "bag.mcap", "messages": [
+    let folder = bags(json!([{"name": "bag.mcap", "messages": [
         // The first scan is before all odometry, the last after it; scans come late and out of turn with odometry.
         scan("/scan", 0, "base"),
         odometry("/odom", 1, 1.0, 3.0),
@@ -268,9 +251,7 @@ fn odometry_at_a_scan_lies_between_its_neighbours() {
         scan("/scan", 15, "base"),
         scan("/scan", 40, "base"),
         {"kind": "raw", "topic": "/imu", "schema": "sensor_msgs/msg/Imu", "encoding": "cdr", "data": "00010000"},
-    ]}])) else {
-        return;
-    };
+    ]}]));
     let outcome = read(&McapLog::new(folder.path().join("bag.mcap"), &TOPICS).unwrap());
     assert_eq!(outcome.stamps(), [0, 1, 2, 5, 8, 9, 9, 15, 40].map(seconds));
     let turn = 2.0 * std::f64::consts::PI - 6.0;
@@ -288,7 +269,6 @@ fn odometry_at_a_scan_lies_between_its_neighbours() {
     assert_eq!((outcome.stats.backward_stamps, outcome.stats.malformed), (0, 0));
 }
 
-#[test]
 fn where_the_laser_is_mounted() {
     use std::f64::consts::PI;
     let with = |name: &str, more: Vec<Value>| {
@@ -296,7 +276,7 @@ fn where_the_laser_is_mounted() {
         json!({"name": name, "messages": messages})
     };
     let none = [0.0; 3];
-    let Some(folder) = bags(json!([
+    let folder = bags(json!([
         with(
             "chain.mcap",
             vec![
@@ -313,9 +293,7 @@ fn where_the_laser_is_mounted() {
         ),
         with("upright.mcap", vec![fixed(["base", "laser"], [0.3, 0.0, 0.0], [PI / 2.0, 0.0, 0.0])]),
         with("circle.mcap", vec![fixed(["a", "laser"], none, none), fixed(["laser", "a"], none, none)]),
-    ])) else {
-        return;
-    };
+    ]));
     let opened = |name: &str| McapLog::new(folder.path().join(name), &TOPICS);
     // Pose, angles of the first beam and from beam to beam, readings without mounting.
     for (name, pose, angles, unknown) in [
@@ -338,14 +316,13 @@ fn where_the_laser_is_mounted() {
     }
 }
 
-#[test]
 fn the_user_chooses_among_topics() {
     let still = [[0.0; 3], [0.0; 3]];
     let tf = |robot: &str, x: f64| {
         let (topic, odom, base) = (format!("/{robot}/tf"), format!("{robot}/odom"), format!("{robot}/base"));
         transform(&topic, 0, [&odom, &base], [x, 0.0, 0.0], [0.0; 3])
     };
-    let Some(folder) = bags(json!([
+    let folder = bags(json!([
         {"name": "many.mcap", "messages": [
             odometry("/odom", 0, 1.0, 0.0), odometry("/filtered", 0, 2.0, 0.0), tf("a", 3.0),
             scan("/front", 0, "base"), scan("/rear", 0, "base"), scan("/rear", 1, "base"),
@@ -362,9 +339,7 @@ fn the_user_chooses_among_topics() {
         {"name": "no_scan.mcap", "messages": [odometry("/odom", 0, 1.0, 0.0)]},
         {"name": "json.mcap", "messages": [raw("/scan", LASER_SCAN, "json", "7b7d")]},
         {"name": "empty.mcap", "messages": []},
-    ])) else {
-        return;
-    };
+    ]));
     let opened = |name: &str, scan: &str, odometry: &str| {
         let named = |topic: &str| (!topic.is_empty()).then(|| topic.to_owned());
         McapLog::new(folder.path().join(name), &Topics { scan: named(scan), odometry: named(odometry) })
@@ -412,7 +387,6 @@ fn the_user_chooses_among_topics() {
     }
 }
 
-#[test]
 fn malformed_messages_are_left_out_and_counted() {
     let good = || vec![odometry("/odom", 0, 1.0, 0.0), scan("/scan", 0, "base")];
     let table = [
@@ -433,7 +407,7 @@ fn malformed_messages_are_left_out_and_counted() {
         let messages = [good(), vec![message.clone()], vec![scan("/scan", 2, "base")]].concat();
         json!({"name": format!("{index}.mcap"), "messages": messages})
     };
-    let Some(folder) = bags(table.iter().enumerate().map(bag).collect()) else { return };
+    let folder = bags(table.iter().enumerate().map(bag).collect());
     for (index, (message, reason)) in table.iter().enumerate() {
         let path = folder.path().join(format!("{index}.mcap"));
         let outcome = read(&McapLog::new(&path, &TOPICS).unwrap());
@@ -446,15 +420,12 @@ fn malformed_messages_are_left_out_and_counted() {
     }
 }
 
-#[test]
 fn ranges_that_are_none_are_marked() {
     let ranges = json!([0.25, 0.5, 7.5, 8.0, 9.0, "nan", "inf", "-inf", -1.0]);
-    let Some(folder) = bags(json!([
+    let folder = bags(json!([
         {"name": "bag.mcap", "messages": [changed(scan("/scan", 1, "base"), "ranges", ranges)]},
         {"name": "open.mcap", "messages": [changed(scan("/scan", 1, "base"), "range_max", json!("nan"))]},
-    ])) else {
-        return;
-    };
+    ]));
     let outcome = read(&McapLog::new(folder.path().join("bag.mcap"), &TOPICS).unwrap());
     let [scan] = outcome.scans()[..] else { panic!("one scan") };
     let nan = f64::NAN;
@@ -477,15 +448,12 @@ fn drive(name: &str, compression: &str, chunked: bool) -> Value {
     json!({"name": name, "messages": messages, "compression": compression, "chunked": chunked, "chunk_size": 2048})
 }
 
-#[test]
 fn a_bag_that_was_cut_off_is_read_as_far_as_it_goes() {
-    let Some(folder) = bags(json!([
+    let folder = bags(json!([
         drive("lz4.mcap", "lz4", true),
         drive("zstd.mcap", "zstd", true),
         drive("unchunked.mcap", "none", false),
-    ])) else {
-        return;
-    };
+    ]));
     for name in ["lz4.mcap", "zstd.mcap", "unchunked.mcap"] {
         let path = folder.path().join(name);
         let whole = std::fs::read(&path).unwrap();
@@ -523,15 +491,12 @@ fn a_bag_that_was_cut_off_is_read_as_far_as_it_goes() {
     }
 }
 
-#[test]
 fn a_damaged_chunk_is_left_out() {
-    let Some(folder) = bags(json!([
+    let folder = bags(json!([
         drive("none.mcap", "none", true),
         drive("lz4.mcap", "lz4", true),
         drive("zstd.mcap", "zstd", true),
-    ])) else {
-        return;
-    };
+    ]));
     for name in ["none.mcap", "lz4.mcap", "zstd.mcap"] {
         let path = folder.path().join(name);
         let mut bytes = std::fs::read(&path).unwrap();
@@ -548,7 +513,6 @@ fn a_damaged_chunk_is_left_out() {
 }
 
 /// A record that tells of more bytes than a machine has is refused by the bytes that are there.
-#[test]
 fn sizes_are_not_taken_at_their_word() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bag.mcap");
@@ -581,10 +545,10 @@ fn sizes_are_not_taken_at_their_word() {
 
 /// Bags without checksums, so that damage inside of a chunk gets further; written by the writer of this test.
 const SEEDS: [&[u8]; 4] = [
-    include_bytes!("../fuzz/seeds/mcap/none.mcap"),
-    include_bytes!("../fuzz/seeds/mcap/lz4.mcap"),
-    include_bytes!("../fuzz/seeds/mcap/zstd.mcap"),
-    include_bytes!("../fuzz/seeds/mcap/unchunked.mcap"),
+    include_bytes!("../../fuzz/seeds/mcap/none.mcap"),
+    include_bytes!("../../fuzz/seeds/mcap/lz4.mcap"),
+    include_bytes!("../../fuzz/seeds/mcap/zstd.mcap"),
+    include_bytes!("../../fuzz/seeds/mcap/unchunked.mcap"),
 ];
 
 fn assert_sound(outcome: &Outcome) {
@@ -606,7 +570,6 @@ fn assert_sound(outcome: &Outcome) {
     assert_eq!(first_malformed.is_some(), *malformed > 0);
 }
 
-#[test]
 fn the_seeds_are_bags() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bag.mcap");
@@ -620,7 +583,6 @@ fn the_seeds_are_bags() {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(4000))]
-    #[test]
     fn any_damage_is_survived(
         seed in 0..SEEDS.len(),
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
@@ -645,7 +607,6 @@ proptest! {
 
 // ---- Which reader
 
-#[test]
 fn a_log_is_known_by_its_content() {
     let folder = tempfile::tempdir().unwrap();
     let chosen = Topics { scan: Some("/scan".to_owned()), odometry: None };
@@ -688,24 +649,20 @@ fn a_log_is_known_by_its_content() {
     assert!(error.contains("carmen.mcap: cannot be opened: it does not begin as MCAP files do"), "{error}");
 }
 
-#[test]
 fn folders_of_bags() {
     let messages = json!([odometry("/odom", 0, 1.0, 0.0), scan("/scan", 1, "base")]);
-    let Some(folder) = bags(json!([
+    let folder = bags(json!([
         {"name": "mine", "storage": "folder", "messages": messages},
         {"name": "old", "storage": "sqlite", "messages": messages},
-    ])) else {
-        return;
-    };
+    ]));
     let log = open_log(folder.path().join("mine"), &TOPICS).unwrap();
     assert_eq!((log.name().as_str(), read(&*log).entries.len()), ("mine", 2));
     let error = open_log(folder.path().join("old"), &TOPICS).err().unwrap().to_string();
     assert!(error.contains("in SQLite") && error.contains("ros2 bag convert"), "{error}");
 }
 
-#[test]
 fn the_program_maps_a_bag() {
-    let Some((folder, _)) = carmen_as_bags() else { return };
+    let (folder, _) = carmen_as_bags();
     let run = |arguments: &[&str]| {
         let mut command = assert_cmd::Command::cargo_bin("ipslam").unwrap();
         command.current_dir(folder.path()).args(["run", "--particles", "4", "--maps", "4", "--max-scans", "20"]);
@@ -720,4 +677,11 @@ fn the_program_maps_a_bag() {
         text.contains("on /none (--scan-topic)") && text.contains("/scan (sensor_msgs/msg/LaserScan, 300"),
         "{text}"
     );
+}
+
+crate::needs::trials! {
+    "mcap":
+    DataAndPython { a_bag_tells_what_the_carmen_log_told, a_bag_gives_the_map_of_the_carmen_log, a_bag_in_several_files_is_read_as_its_metadata_tells, the_program_maps_a_bag }
+    Python { odometry_at_a_scan_lies_between_its_neighbours, where_the_laser_is_mounted, the_user_chooses_among_topics, malformed_messages_are_left_out_and_counted, ranges_that_are_none_are_marked, a_bag_that_was_cut_off_is_read_as_far_as_it_goes, a_damaged_chunk_is_left_out, folders_of_bags }
+    Nothing { sizes_are_not_taken_at_their_word, the_seeds_are_bags, any_damage_is_survived, a_log_is_known_by_its_content }
 }

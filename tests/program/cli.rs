@@ -1,9 +1,5 @@
 //! The program from outside: each test starts it in a fresh directory.
 
-#![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "helpers of tests")]
-
-mod common;
-
 use assert_cmd::cargo::cargo_bin;
 use ipslam::io::carmen::{CarmenLog, CarmenWriter};
 use ipslam::io::{map_json, tum};
@@ -549,21 +545,6 @@ fn the_commands_fit_together() {
     assert!(scores["reference"]["ate"]["translation_m"]["rmse"].as_f64().unwrap() < 0.3);
     place.ipslam(&["eval", "missing.tum", "--reference", "missing.tum"]).failed(1, &["missing.tum: cannot be opened"]);
     place.ipslam(&["simulate", "--out", "sim", "--beams", "0"]).failed(1, &["beams"]);
-}
-
-#[test]
-fn a_real_log_is_mapped() {
-    let Some(log) = common::data("csail/mit-csail.clf.gz") else { return };
-    let Some(relations) = common::data("csail/mit-csail.relations.gz") else { return };
-    let place = Place::new();
-    let [log, relations] = [log, relations].map(|path| path.canonicalize().unwrap().display().to_string());
-    place.run(&[&log, "--out", "out", "--max-scans", "200", "--relations", &relations]).ended(0);
-    place.assert_outputs("out");
-    let summary = place.summary("out");
-    assert_eq!(summary["beams"]["scans"], 200);
-    // Within the first 40 s there is no loop to close: scan matching alone is within a few centimetres.
-    let error = summary["metrics"]["relations"]["all"]["translation_m"]["mean"].as_f64().unwrap();
-    assert!(error < 0.1, "{error} m");
 }
 
 #[test]

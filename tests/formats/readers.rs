@@ -1,14 +1,9 @@
 //! What a run writes, as programs that know nothing of ipslam read it.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-#[path = "common/python.rs"]
-mod python;
-
+use crate::needs::python;
 use assert_cmd::cargo::cargo_bin;
 use ipslam::grid::Cell;
 use ipslam::io::{map_json, map_server, tum};
-use python::python;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -42,7 +37,6 @@ fn read_by(python: &Path, script: &str, files: &[&Path]) -> Value {
     serde_json::from_slice(&done.stdout).unwrap()
 }
 
-#[test]
 fn evo_reads_the_trajectory() {
     const SCRIPT: &str = "
 import json, sys
@@ -53,7 +47,7 @@ yaw = [float(angles[2]) for angles in trajectory.get_orientations_euler()]
 print(json.dumps({'checks': checks, 'stamps': trajectory.timestamps.tolist(), 'yaw': yaw,
                   'xyz': trajectory.positions_xyz.tolist(), 'length': trajectory.path_length}))
 ";
-    let Some(python) = python() else { return };
+    let python = python();
     let path = output("trajectory.tum");
     let (ours, read) = (tum::read(&path).unwrap(), read_by(&python, SCRIPT, &[&path]));
     // Its check of stamps asks for rising ones, but odometry and laser of one moment have the same.
@@ -77,7 +71,6 @@ print(json.dumps({'checks': checks, 'stamps': trajectory.timestamps.tolist(), 'y
     assert!(farthest > 0.5 && number(&read["length"]) >= farthest, "{farthest} m");
 }
 
-#[test]
 fn yaml_and_pgm_are_read_as_map_server_does() {
     // The rules of Nav2's map_server for mode trinary, written out again.
     const SCRIPT: &str = "
@@ -95,7 +88,7 @@ rows = [''.join(str(cell(image.getpixel((x, y)))) for x in range(width)) for y i
 shades = sorted(colour for _, colour in image.getcolors())
 print(json.dumps({'resolution': told['resolution'], 'origin': told['origin'], 'rows': rows, 'shades': shades}))
 ";
-    let Some(python) = python() else { return };
+    let python = python();
     let path = output("map.yaml");
     let (ours, read) = (map_server::read(&path).unwrap(), read_by(&python, SCRIPT, &[&path, &output("map.pgm")]));
     let corner = ours.world_from_grid();
@@ -118,7 +111,6 @@ print(json.dumps({'resolution': told['resolution'], 'origin': told['origin'], 'r
     assert!(free as f64 > 0.95 * driven.len() as f64, "{free} of {} poses are in free cells", driven.len());
 }
 
-#[test]
 fn the_map_is_what_its_schema_says() {
     const SCRIPT: &str = "
 import json, sys, jsonschema
@@ -126,7 +118,7 @@ schema, instance = (json.load(open(path)) for path in sys.argv[1:])
 jsonschema.Draft202012Validator.check_schema(schema)
 jsonschema.Draft202012Validator(schema).validate(instance)
 ";
-    let Some(python) = python() else { return };
+    let python = python();
     let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/map.schema.json");
     let path = output("map.json");
     let checked = |path: &Path| {
@@ -158,7 +150,6 @@ jsonschema.Draft202012Validator(schema).validate(instance)
     }
 }
 
-#[test]
 fn geojson_and_shapely_read_the_walls() {
     const SCRIPT: &str = "
 import json, sys, geojson, shapely.geometry
@@ -169,7 +160,7 @@ assert all(line.geom_type == 'LineString' and line.is_valid for line in lines)
 print(json.dumps({'frame': collection['frame'], 'ends': [list(line.coords) for line in lines],
                   'properties': [feature['properties'] for feature in collection['features']]}))
 ";
-    let Some(python) = python() else { return };
+    let python = python();
     let read = read_by(&python, SCRIPT, &[&output("walls.geojson")]);
     assert!(read["frame"].as_str().unwrap().contains("not longitude and latitude"));
     let map = map_json::read_map(&output("map.json")).unwrap().clusters;
@@ -185,4 +176,9 @@ print(json.dumps({'frame': collection['frame'], 'ends': [list(line.coords) for l
         let thickness = number(&read["properties"][index]["std_across"]);
         assert!((thickness - cluster.across_variance.sqrt()).abs() < 1e-9);
     }
+}
+
+crate::needs::trials! {
+    "readers":
+    Python { evo_reads_the_trajectory, yaml_and_pgm_are_read_as_map_server_does, the_map_is_what_its_schema_says, geojson_and_shapely_read_the_walls }
 }

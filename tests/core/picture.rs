@@ -1,7 +1,5 @@
 //! Pictures are read back as a viewer would: the SVG as XML, the PNG as pixels, and lengths by the scale bar.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests")]
-
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::map::LineMap;
 use ipslam::picture::{Figures, Line, Picture, PointRaster, View, svg_to_png};
@@ -270,7 +268,7 @@ fn run() -> (RunResult, Vec<(Scan, Pose, Pose)>) {
         confidence: None,
     };
     let poses = scans.iter().map(estimate).collect();
-    (RunResult { map: LineMap { clusters, free: None }, poses }, scans)
+    (RunResult { map: LineMap { clusters, free: None }, poses, refused_odometry: Vec::new() }, scans)
 }
 
 #[test]

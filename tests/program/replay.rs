@@ -1,7 +1,4 @@
 //! Recorded runs are read back, run again, verified and compared; a run that is killed leaves what it did.
-#![cfg(feature = "record")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use ipslam::config::SlamConfig;
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::pipeline::RunInfo;

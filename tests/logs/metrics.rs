@@ -1,8 +1,7 @@
 //! Errors of trajectories: known errors in, the same errors out; and real logs, where an independent program (written
 //! in Python, beside the data) and the published figures say what should come out.
 
-#![allow(clippy::unwrap_used)] // Also in the functions that the tests share.
-
+use crate::needs::data_folder;
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::io::relations::Relation;
 use ipslam::io::{relations, tum};
@@ -11,7 +10,7 @@ use ipslam::metrics::relations::{RelationErrors, relation_errors};
 use ipslam::metrics::trajectory::reference_errors;
 use serde_json::Value;
 use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 /// A drive of 60 s, ten poses a second, at 1 m/s, which turns and returns.
@@ -47,7 +46,6 @@ fn assert_close(found: f64, expected: f64, tolerance: f64, what: &str) {
     assert!((found - expected).abs() <= tolerance, "{what}: {found}, not {expected} (± {tolerance})");
 }
 
-#[test]
 fn a_trajectory_in_another_frame_has_no_error() {
     let (truth, relations) = (drive(), true_relations(&drive()));
     let largest = |trajectory: &[StampedPose]| {
@@ -72,7 +70,6 @@ fn a_trajectory_in_another_frame_has_no_error() {
     }
 }
 
-#[test]
 fn a_known_error_of_a_relation_comes_out() {
     let trajectory = drive();
     let mut relations = true_relations(&trajectory);
@@ -91,7 +88,6 @@ fn a_known_error_of_a_relation_comes_out() {
     assert_close(rotation.max, 0.2, 1e-12, "rotation");
 }
 
-#[test]
 fn absolute_error_of_a_square_told_too_large() {
     // Alignment can only turn and shift: it puts one square into the middle of the other, and each corner, √2 m from
     // the middle, is then 10 % of that too far out.
@@ -111,7 +107,6 @@ fn absolute_error_of_a_square_told_too_large() {
     assert_close(back.x.hypot(back.y).max(back.heading.abs()), 0.0, 1e-9, "alignment");
 }
 
-#[test]
 fn no_other_alignment_is_better() {
     let truth = drive();
     let bent: Vec<StampedPose> = moved(&truth)
@@ -135,7 +130,6 @@ fn no_other_alignment_is_better() {
     }
 }
 
-#[test]
 fn relative_errors_of_known_drifts() {
     let straight = |scale: f64| -> Vec<StampedPose> {
         let at =
@@ -164,7 +158,6 @@ fn relative_errors_of_known_drifts() {
     assert_eq!(errors.relative_in_path, None, "there is no path");
 }
 
-#[test]
 fn a_trajectory_of_another_time_has_no_score() {
     let later: Vec<_> = drive().iter().map(|at| StampedPose { stamp: at.stamp + 1e6, ..*at }).collect();
     for trajectory in [later, Vec::new()] {
@@ -178,29 +171,9 @@ fn a_trajectory_of_another_time_has_no_score() {
 /// Numbers of the two programs may differ by this [m, deg]: both compute in f64, so that rounding stays far below.
 const AGREEMENT: f64 = 1e-6;
 
-/// Where the real logs are, if they and the independent program can be had. Fails where they are required.
-fn data() -> Option<PathBuf> {
-    let fallback = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    let data = std::env::var_os("IPSLAM_DATA").map_or(fallback, PathBuf::from);
-    let has_numpy = Command::new("python3").args(["-c", "import numpy"]).output().is_ok_and(|out| out.status.success());
-    let missing = if !data.join("csail").is_dir() {
-        format!("there are no logs in {} (set IPSLAM_DATA)", data.display())
-    } else if !data.join("../tools/relations_metric.py").is_file() {
-        format!("there is no tools/relations_metric.py beside {}", data.display())
-    } else if !has_numpy {
-        "there is no python3 with numpy".to_owned()
-    } else {
-        return Some(data);
-    };
-    let required = std::env::var("IPSLAM_REQUIRE").is_ok_and(|required| required.contains("data"));
-    assert!(!required, "IPSLAM_REQUIRE asks for data, but {missing}");
-    eprintln!("SKIPPED, NOT TESTED: {missing}");
-    None
-}
-
 /// What the independent program says.
 fn python(data: &Path, relations: &str, trajectory: &str) -> Value {
-    let output = Command::new("python3")
+    let output = Command::new(crate::needs::python())
         .arg(data.join("../tools/relations_metric.py"))
         .args([data.join(relations), data.join(trajectory)])
         .arg("--json")
@@ -269,9 +242,8 @@ fn raw_odometry(log: &Path) -> Vec<StampedPose> {
     text.lines().filter(|line| line.starts_with("FLASER")).map(scan).collect()
 }
 
-#[test]
 fn raw_odometry_of_csail_scores_as_published() {
-    let Some(data) = data() else { return };
+    let data = data_folder();
     let odometry = raw_odometry(&data.join("csail/mit-csail.clf.gz"));
     assert_eq!(odometry.len(), 1988);
     // By way of a file, so that writing and reading count as well.
@@ -292,9 +264,8 @@ fn raw_odometry_of_csail_scores_as_published() {
     assert!(!differences(&relation_errors(&relations, &perturbed), &theirs).is_empty());
 }
 
-#[test]
 fn references_score_as_published() {
-    let Some(data) = data() else { return };
+    let data = data_folder();
     let csail = "csail/mit-csail.relations.gz";
     let mut scored = Vec::new();
     // The poses of csail.gmapping are seconds apart: some relations are interpolated and some find no pose. Stamps of
@@ -315,9 +286,8 @@ fn references_score_as_published() {
     assert_published(&scored[2], [0.042, 0.037], [1.91, 1.67], [0.0005, 0.005]);
 }
 
-#[test]
 fn a_real_reference_agrees_with_itself() {
-    let Some(data) = data() else { return };
+    let data = data_folder();
     let trajectory = tum::read(&data.join("intel/intel.gmapping.xyt.gz")).unwrap();
     let errors = reference_errors(&trajectory, &moved(&trajectory));
     // Two stamps come twice, and only their later poses have a counterpart.
@@ -327,4 +297,11 @@ fn a_real_reference_agrees_with_itself() {
         assert_close(error, 0.0, 1e-9, "relative error");
     }
     assert_close(errors.absolute.unwrap().max, 0.0, 1e-9, "absolute error");
+}
+
+crate::needs::trials! {
+    "metrics":
+    Nothing { a_trajectory_in_another_frame_has_no_error, a_known_error_of_a_relation_comes_out, absolute_error_of_a_square_told_too_large, no_other_alignment_is_better, relative_errors_of_known_drifts, a_trajectory_of_another_time_has_no_score }
+    DataAndPython { raw_odometry_of_csail_scores_as_published, references_score_as_published }
+    Data { a_real_reference_agrees_with_itself }
 }

@@ -1,6 +1,4 @@
 //! The simulator against closed forms: ray casting, the drive, the noise of odometry and laser, and repeatability.
-#![expect(clippy::unwrap_used, reason = "a test's helpers may fail as a test does")]
-
 use ipslam::geometry::{Pose, wrap_angle};
 use ipslam::log::{LaserReading, LogEntry, LogSource as _};
 use ipslam::scan::{Scan, ScanConfig};

@@ -1,17 +1,11 @@
 //! The CARMEN log reader and writer, from outside: tables of lines, damaged files, real logs, round trips.
 
-#![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "helpers of tests")]
-
-mod common;
-#[path = "common/logs.rs"]
-mod logs;
-
-use common::data;
+use crate::logs::{Outcome, drain, same_pose};
+use crate::needs::data;
 use flate2::{Compression, write::GzEncoder};
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::{CarmenLog, CarmenReader, CarmenWriter, implied_angles};
 use ipslam::log::{LaserReading, LogEntry, LogError, LogSource as _};
-use logs::{Outcome, drain, same_pose};
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::io::{Cursor, Read, Write as _};
@@ -20,7 +14,7 @@ use std::io::{Cursor, Read, Write as _};
 const TOLERANCE: f64 = 1e-9;
 
 fn same(a: &LogEntry, b: &LogEntry) -> bool {
-    logs::same(a, b, TOLERANCE, TOLERANCE)
+    crate::logs::same(a, b, TOLERANCE, TOLERANCE)
 }
 
 fn read_from(bytes: impl Read + Send + 'static) -> Outcome {
@@ -50,7 +44,6 @@ fn three_beams(stamp: f64, odom_from_robot: Pose, robot_from_laser: Pose, ranges
     }
 }
 
-#[test]
 fn good_lines() {
     let robot = Pose::new(1.0, 2.0, FRAC_PI_2);
     // A laser 0.5 m ahead of a robot that looks along y is 0.5 m further in y.
@@ -123,7 +116,6 @@ fn good_lines() {
     }
 }
 
-#[test]
 fn malformed_lines_are_left_out_and_counted() {
     let before = "ODOM 0 0 0 0 0 0 1 host 0";
     let after = "ODOM 0 0 0 0 0 0 2 host 0";
@@ -167,21 +159,18 @@ fn malformed_lines_are_left_out_and_counted() {
     }
 }
 
-#[test]
 fn bytes_that_are_no_text_do_not_stop_reading() {
     let outcome = read(b"# \xff\xfe\nODOM 0 0 0 0 0 0 1 h\xf6st 0\n\xff\x00\x80\n\x00\nODOM 0 0 0 0 0 0 2 host 0\n");
     assert!(outcome.error.is_none());
     assert_eq!((outcome.entries.len(), outcome.stats.malformed, outcome.stats.lines), (2, 2, 5));
 }
 
-#[test]
 fn only_the_first_malformed_line_is_kept() {
     let outcome = read("# comment\n\nODOM 0\nODOM 1\nODOM 0 0 0 0 0 0 1 host 0\n");
     assert_eq!((outcome.stats.malformed, outcome.stats.lines, outcome.entries.len()), (2, 5, 1));
     assert!(outcome.stats.first_malformed.unwrap().starts_with("test.clf:3: "));
 }
 
-#[test]
 fn a_cut_line_is_no_whole_one() {
     let line = "FLASER 3 1.25 2.5 3.75 0.5 0.5 0.25 0.5 0.5 0.25 10.5 host 0.125";
     let last_word = line.rfind(' ').unwrap();
@@ -192,7 +181,6 @@ fn a_cut_line_is_no_whole_one() {
     assert_eq!(read(line).entries.len(), 1);
 }
 
-#[test]
 fn angles_follow_from_the_number_of_beams() {
     // Degrees, from the lasers' manuals: SICK LMS modes, a 270 degree SICK at half a degree.
     let table = [
@@ -216,7 +204,6 @@ fn angles_follow_from_the_number_of_beams() {
     }
 }
 
-#[test]
 fn parameters_mount_the_lasers() {
     let log = "PARAM robot_frontlaser_offset 0.2 nohost 0\n\
                PARAM robot_front_laser_max 80.9 1134863807.6 b21 1134863807.6\n\
@@ -245,7 +232,6 @@ fn parameters_mount_the_lasers() {
     }
 }
 
-#[test]
 fn raw_sweeps_take_the_last_odometry_and_give_way_to_sweeps_with_poses() {
     let raw = |laser, stamp| format!("RAWLASER{laser} 0 -1 1 0.5 8 0.01 0 3 1 2 3 0 {stamp} host 0\n");
     let log = raw(1, 1)
@@ -265,7 +251,6 @@ fn raw_sweeps_take_the_last_odometry_and_give_way_to_sweeps_with_poses() {
     assert_eq!(outcome.stats.skipped["RAWLASER1"], 1);
 }
 
-#[test]
 fn order_of_lines_is_kept_and_backward_stamps_are_counted() {
     let log = [5.0, 4.0, 4.0, 6.0, 3.0].map(|stamp| format!("ODOM 0 0 0 0 0 0 {stamp} host 0\n")).concat();
     let outcome = read(log);
@@ -277,7 +262,6 @@ fn order_of_lines_is_kept_and_backward_stamps_are_counted() {
     assert_eq!(outcome.stats.backward_stamps, 2);
 }
 
-#[test]
 fn other_messages_are_counted_by_name_without_bound() {
     let names: String = (0..1000).map(|k| format!("NAME{k} 1\nNAME0 2\n")).collect();
     let outcome = read(format!("SYNC a 1 host 0\n{names}"));
@@ -286,7 +270,6 @@ fn other_messages_are_counted_by_name_without_bound() {
     assert!(outcome.stats.skipped.len() < 100);
 }
 
-#[test]
 fn gzip_is_told_by_content_and_may_have_members() {
     let lines = ["ODOM 0 0 0 0 0 0 1 host 0\n", "ODOM 0 0 0 0 0 0 2 host 0\n"];
     let outcome = read([gzip(lines[0].as_bytes()), gzip(lines[1].as_bytes())].concat());
@@ -311,7 +294,6 @@ fn gzip_is_told_by_content_and_may_have_members() {
     }
 }
 
-#[test]
 fn a_truncated_gzip_gives_its_whole_lines_then_an_error() {
     let odometry = |k: u32| format!("ODOM {}.5 0 0 0 0 0 {k} host {}\n", k.wrapping_mul(2_654_435_761), k ^ 0x5a5a);
     let log: String = (0..5000).map(odometry).collect();
@@ -329,7 +311,6 @@ fn a_truncated_gzip_gives_its_whole_lines_then_an_error() {
     assert!(read(&packed).error.is_none());
 }
 
-#[test]
 fn files_of_another_kind_are_refused() {
     let jpeg = [&[0xff, 0xd8, 0xff, 0xe0, 0, 16][..], b"JFIF\0\n", &[0x80, 0x0a, 0x00, 0xff].repeat(300)].concat();
     let tum = "# timestamp tx ty tz qx qy qz qw\n".to_owned() + &"1.5 0 0 0 0 0 0 1\n".repeat(2000);
@@ -354,7 +335,6 @@ fn files_of_another_kind_are_refused() {
     assert_eq!(read(late).entries.len(), 1);
 }
 
-#[test]
 fn endless_lines_are_not_kept() {
     let outcome = read_from(std::io::repeat(0));
     assert!(matches!(outcome.error, Some(LogError::NotThisFormat { .. })));
@@ -365,7 +345,6 @@ fn endless_lines_are_not_kept() {
     assert_eq!((outcome.entries.len(), outcome.stats.malformed, outcome.stats.lines), (2, 1, 3));
 }
 
-#[test]
 fn what_cannot_be_opened_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     for (path, what) in [(folder.path().join("missing.clf"), "missing.clf"), (folder.path().to_owned(), "a folder")] {
@@ -376,7 +355,6 @@ fn what_cannot_be_opened_is_an_error() {
 }
 
 /// Expected counts were taken from the files with `grep -c`.
-#[test]
 fn real_logs() {
     struct Expected {
         file: &'static str,
@@ -431,8 +409,7 @@ fn real_logs() {
         raw,
     ];
     for expected in table {
-        let Some(path) = data(expected.file) else { continue };
-        let mut reader = CarmenLog::new(path).open().unwrap();
+        let mut reader = CarmenLog::new(data(expected.file)).open().unwrap();
         let mut before = 0;
         let mut first = None;
         while let Some(entry) = reader.next() {
@@ -501,7 +478,6 @@ fn written(entry: &LogEntry) -> String {
 }
 
 proptest! {
-    #[test]
     fn what_is_written_reads_back(entry in entries()) {
         let line = written(&entry);
         prop_assert_eq!(line.matches('\n').count(), 1);
@@ -511,7 +487,6 @@ proptest! {
         prop_assert!(same(&outcome.entries[0], &entry), "{:?} from {}", outcome.entries[0], line);
     }
 
-    #[test]
     fn a_perturbed_entry_is_not_the_same(entry in entries(), field in 0..6) {
         let mut other = entry.clone();
         match &mut other {
@@ -532,7 +507,6 @@ proptest! {
     }
 }
 
-#[test]
 fn the_shortest_message_that_says_all_is_written() {
     let reading = three_beams(1.5, Pose::new(1.0, 2.0, 0.0), Pose::IDENTITY, [1.0, 2.5, 3.0]);
     let line = written(&LogEntry::Laser(reading.clone()));
@@ -542,7 +516,6 @@ fn the_shortest_message_that_says_all_is_written() {
     }
 }
 
-#[test]
 fn what_could_not_be_read_back_is_not_written() {
     let good = three_beams(1.0, Pose::IDENTITY, Pose::IDENTITY, [1.0; 3]);
     let bad = [
@@ -557,4 +530,10 @@ fn what_could_not_be_read_back_is_not_written() {
         assert!(writer.write(&entry).is_err(), "{entry:?}");
     }
     assert!(writer.write(&LogEntry::Laser(good)).is_ok());
+}
+
+crate::needs::trials! {
+    "carmen":
+    Nothing { good_lines, malformed_lines_are_left_out_and_counted, bytes_that_are_no_text_do_not_stop_reading, only_the_first_malformed_line_is_kept, a_cut_line_is_no_whole_one, angles_follow_from_the_number_of_beams, parameters_mount_the_lasers, raw_sweeps_take_the_last_odometry_and_give_way_to_sweeps_with_poses, order_of_lines_is_kept_and_backward_stamps_are_counted, other_messages_are_counted_by_name_without_bound, gzip_is_told_by_content_and_may_have_members, a_truncated_gzip_gives_its_whole_lines_then_an_error, files_of_another_kind_are_refused, endless_lines_are_not_kept, what_cannot_be_opened_is_an_error, what_is_written_reads_back, a_perturbed_entry_is_not_the_same, the_shortest_message_that_says_all_is_written, what_could_not_be_read_back_is_not_written }
+    Data { real_logs }
 }

@@ -1,7 +1,4 @@
 //! Recordings are read back with Rerun's own reader and compared with what was reported.
-#![cfg(feature = "record")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use ipslam::config::{Config, SlamConfig};
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::map::LineMap;
@@ -179,7 +176,7 @@ fn result(steps: u32) -> RunResult {
         confidence: None,
     };
     let map = LineMap { clusters: vec![wall(0.0), wall(5.0), wall(10.0)], free: None };
-    RunResult { map, poses: (0..steps).map(estimate).collect() }
+    RunResult { map, poses: (0..steps).map(estimate).collect(), refused_odometry: Vec::new() }
 }
 
 /// Records `steps` steps, the map changing at the fourth, and reads the file.
@@ -197,7 +194,6 @@ fn recorded(steps: u32) -> Recording {
     Recording::read(&path)
 }
 
-#[test]
 fn the_comparison_rejects_a_moved_point() {
     let expected = [[1.0, 2.0], [3.0, 4.0]];
     compare(&[[1.0, 2.0], [3.0, 4.0]], &expected).unwrap();
@@ -207,7 +203,6 @@ fn the_comparison_rejects_a_moved_point() {
     compare(&[[1.0, 2.0]], &expected).unwrap_err();
 }
 
-#[test]
 fn steps_come_back() {
     let recording = recorded(5);
     let scans = recording.points(blueprint::SCAN_POINTS);
@@ -239,7 +234,6 @@ fn steps_come_back() {
     assert_eq!(clusters, [1.0, 1.0, 1.0, 2.0, 2.0]);
 }
 
-#[test]
 fn the_likeliest_particle_is_the_brightest_and_on_top() {
     let recording = recorded(2);
     let particles = recording.points(blueprint::PARTICLES);
@@ -251,7 +245,6 @@ fn the_likeliest_particle_is_the_brightest_and_on_top() {
     assert!(brightness[0] < brightness[1] && brightness[1] < brightness[2], "{brightness:?}");
 }
 
-#[test]
 fn many_particles_are_sampled() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
@@ -281,7 +274,6 @@ fn many_particles_are_sampled() {
 }
 
 /// λ₁ = 0.75 along (0.6, 0.8) ends √(3 · 0.75) = 1.5 m from the centre: (0.9, 1.2) either way.
-#[test]
 fn the_map_is_recorded_where_it_changes() {
     let recording = recorded(5);
     let maps = recording.strips(blueprint::MAP_CLUSTERS);
@@ -303,7 +295,6 @@ fn the_map_is_recorded_where_it_changes() {
     }
 }
 
-#[test]
 fn trails_are_whole_and_cost_the_same_every_step() {
     let steps = 200;
     let recording = recorded(steps);
@@ -337,7 +328,6 @@ fn trails_are_whole_and_cost_the_same_every_step() {
     assert_eq!(cleared.iter().map(|row| row.0).collect::<Vec<_>>(), [i64::from(steps)]);
 }
 
-#[test]
 fn the_layout_travels_with_the_data() {
     let recording = recorded(1);
     let class = rerun::external::re_sdk_types::blueprint::archetypes::ViewBlueprint::descriptor_class_identifier();
@@ -357,7 +347,6 @@ fn the_layout_travels_with_the_data() {
 }
 
 /// In a 2-D view y points down, so the world is turned around as a whole.
-#[test]
 fn the_world_is_shown_with_y_up() {
     let recording = recorded(1);
     let scale = Transform3D::descriptor_scale().component;
@@ -370,7 +359,6 @@ fn the_world_is_shown_with_y_up() {
     assert_eq!(scales, [Scale3D::from([1.0, -1.0, 1.0])]);
 }
 
-#[test]
 fn a_file_that_cannot_be_made_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("missing").join("run.rrd");
@@ -381,7 +369,6 @@ fn a_file_that_cannot_be_made_is_an_error() {
 }
 
 #[cfg(target_os = "linux")]
-#[test]
 fn a_full_disk_is_an_error() {
     let error =
         RerunObserver::to_file(Path::new("/dev/full"), &info(), Level::Light).err().expect("nothing can be written");
@@ -390,7 +377,6 @@ fn a_full_disk_is_an_error() {
 
 /// A pipe whose reader goes away stands for a disk that fills up.
 #[cfg(unix)]
-#[test]
 fn a_failure_during_the_run_is_kept_and_stops_nothing() {
     use std::io::Read as _;
     let folder = tempfile::tempdir().unwrap();
@@ -419,7 +405,6 @@ fn a_failure_during_the_run_is_kept_and_stops_nothing() {
     assert!(failure.contains("broke off at step") && failure.contains("is the disk full?"), "{failure}");
 }
 
-#[test]
 fn an_address_of_no_viewer_is_an_error() {
     let error = RerunObserver::connect(Some("not an address"), &info(), Level::Light).err().expect("no address");
     assert!(matches!(error, RecordError::Address { .. }), "{error}");
@@ -428,4 +413,9 @@ fn an_address_of_no_viewer_is_an_error() {
         RerunObserver::connect(Some("rerun+http://127.0.0.1:9/proxy"), &info(), Level::Light).err().expect("no viewer");
     assert!(matches!(error, RecordError::NoViewer { .. }), "{error}");
     assert!(error.to_string().contains("start one"), "{error}");
+}
+
+crate::needs::trials! {
+    "recording":
+    Nothing { the_comparison_rejects_a_moved_point, steps_come_back, the_likeliest_particle_is_the_brightest_and_on_top, many_particles_are_sampled, the_map_is_recorded_where_it_changes, trails_are_whole_and_cost_the_same_every_step, the_layout_travels_with_the_data, the_world_is_shown_with_y_up, a_file_that_cannot_be_made_is_an_error, a_full_disk_is_an_error, a_failure_during_the_run_is_kept_and_stops_nothing, an_address_of_no_viewer_is_an_error }
 }

@@ -1,0 +1,7 @@
+//! The program from outside.
+
+#![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "a test's helpers may fail as a test does")]
+
+mod cli;
+#[cfg(feature = "record")]
+mod replay;
