@@ -117,6 +117,9 @@ pub trait LogSource: Sync {
     fn name(&self) -> String;
 
     /// Starts reading at the first entry.
+    ///
+    /// # Errors
+    /// The file cannot be opened, or is none of this format. An empty log is no error.
     fn open(&self) -> Result<Box<dyn LogReader>, LogError>;
 }
 

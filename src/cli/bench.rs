@@ -1,5 +1,6 @@
 //! `ipslam bench`: how fast this machine and each of its devices weigh particles.
 
+use super::say::{print_line, say};
 use super::workload::{FLOP, Workload, instructions, peak_flops};
 use ipslam::evaluator::Evaluator;
 use ipslam::evaluator::cpu::CpuEvaluator;
@@ -70,7 +71,7 @@ struct Row {
 pub fn bench(args: &BenchArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let say = |line: &str| {
         if !args.json {
-            println!("{line}")
+            print_line!("{line}")
         }
     };
     rayon::ThreadPoolBuilder::new().num_threads(usize::from(args.threads)).build_global()?;
@@ -125,7 +126,7 @@ pub fn bench(args: &BenchArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         }
     }
     if args.json {
-        println!("{:#}", json!({ "cpu": cpu, "rows": rows }));
+        print_line!("{:#}", json!({ "cpu": cpu, "rows": rows }));
     }
     Ok(errors)
 }
@@ -187,7 +188,7 @@ type Named = (String, Box<dyn Evaluator>);
 
 #[cfg(not(feature = "gpu"))]
 fn devices() -> (Vec<Named>, Vec<anyhow::Error>) {
-    eprintln!("no GPU: this program was built without the feature gpu");
+    say!("no GPU: this program was built without the feature gpu");
     (Vec::new(), Vec::new())
 }
 

@@ -1,5 +1,6 @@
 //! `ipslam convert`: a log or a map in another format.
 
+use super::interrupt;
 use anyhow::{Context as _, anyhow, bail};
 use flate2::{Compression, write::GzEncoder};
 use ipslam::clustering::ClusteringConfig;
@@ -69,6 +70,7 @@ enum Map {
 /// Reads the one and writes the other.
 pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
     let ConvertArgs { input, output } = args;
+    interrupt::watch()?;
     let format = Format::of(output)
         .with_context(|| format!("{}: the ending of this name tells no format\n{POSSIBLE}", output.display()))?;
     let map = match Format::of(input) {
@@ -121,7 +123,7 @@ impl Map {
 
 fn convert_log(input: &Path, output: &Path, format: Format) -> anyhow::Result<()> {
     let mut entries = open_log(input, &Topics::default())?.open()?;
-    write_whole(output, |file| {
+    let written = write_whole(output, |file| {
         if format == Format::LogGzip {
             let mut packed = GzEncoder::new(file, Compression::default());
             write_log(&mut entries, &mut packed)?;
@@ -129,7 +131,11 @@ fn convert_log(input: &Path, output: &Path, format: Format) -> anyhow::Result<()
         } else {
             write_log(&mut entries, file)
         }
-    })?;
+    });
+    if interrupt::happened() {
+        return Ok(());
+    }
+    written?;
     let stats = entries.stats();
     match &stats.first_malformed {
         None => Ok(()),
@@ -143,6 +149,9 @@ fn write_log(
 ) -> std::io::Result<()> {
     let mut writer = CarmenWriter::new(out);
     for entry in entries {
+        if interrupt::happened() {
+            return Err(std::io::ErrorKind::Interrupted.into());
+        }
         writer.write(&entry.map_err(std::io::Error::other)?)?;
     }
     writer.finish().map(|_| ())

@@ -1,7 +1,7 @@
 //! `ipslam devices`: which devices there are, and whether they compute what the CPU computes.
 
 #[cfg(feature = "gpu")]
-use super::workload::Workload;
+use super::{say::print_line, workload::Workload};
 #[cfg(feature = "gpu")]
 use ipslam::{
     evaluator::gpu::GpuEvaluator,
@@ -74,12 +74,12 @@ pub fn devices(args: &DevicesArgs) -> anyhow::Result<Vec<anyhow::Error>> {
             Err(error) => errors.push(error.into()),
         }
         if !args.json {
-            print!("{}", device.lines());
+            print_line!("{}", device.lines().trim_end());
         }
         devices.push(device);
     }
     if args.json {
-        println!("{:#}", serde_json::to_value(&devices)?);
+        print_line!("{:#}", serde_json::to_value(&devices)?);
     }
     Ok(errors)
 }

@@ -8,6 +8,7 @@ use super::output::Outputs;
 use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::run::ThreadArgs;
+use super::say::say;
 use super::summary::refused_odometry;
 use anyhow::{Context as _, anyhow, bail, ensure};
 use ipslam::clustering::ClusteringConfig;
@@ -116,13 +117,13 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     interrupt::watch()?;
     let Chosen { evaluator, name: device } = args.backend.choose()?;
     let info = RunInfo { log: source.name(), device, config: Config::Localization(config) };
-    let mut observers = args.recording.observers(&info)?;
+    let mut observers = args.recording.observers(&info, args.log.log.as_deref())?;
 
     let [position_sigma, heading_sigma] = args.start_spread;
     let initial = args.start.map(|world_from_robot| InitialPose { world_from_robot, position_sigma, heading_sigma });
     let area = map.free.as_ref().map_or(0.0, FreeArea::area);
     let from = args.start.map_or_else(|| format!("anywhere in {area:.0} m²"), |pose| format!("{pose:?}"));
-    eprintln!("finding {} in {}, from {from}, on the {}", info.log, args.map.display(), info.device);
+    say!("finding {} in {}, from {from}, on the {}", info.log, args.map.display(), info.device);
     let mut filter = Localization::new(map, initial, config, evaluator)
         .with_context(|| format!("{}: no robot can be found in it", args.map.display()))?;
     let run = Run { skip: args.skip, ..Run::of(&*source) };
@@ -148,8 +149,8 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     draw(&mut outputs, &*source, &outcome, &config, reference.as_deref().unwrap_or_default());
     let text = if args.json { format!("{:#}\n", summary.json()) } else { summary.table() };
     let _ = std::io::stdout().write_all(text.as_bytes());
-    eprintln!("outputs are in {}", outputs.folder().display());
-    Ok(outputs.errors)
+    outputs.finish();
+    Ok(std::mem::take(&mut outputs.errors))
 }
 
 /// Reads a map of either kind.

@@ -2,6 +2,7 @@
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 use ipslam::config::ConfigError;
+use say::say;
 use std::process::ExitCode;
 
 mod backend;
@@ -19,6 +20,7 @@ mod progress;
 mod recording;
 mod replay;
 mod run;
+mod say;
 mod simulate;
 mod summary;
 mod truth;
@@ -80,7 +82,7 @@ pub fn main() -> ExitCode {
         Command::Man(args) => help::man(&args, Cli::command()).err().into_iter().collect(),
     };
     for error in &errors {
-        eprintln!("error: {}", with_causes(error));
+        say!("error: {}", with_causes(error));
     }
     match &errors[..] {
         [] if interrupt::happened() => interrupt::EXIT_CODE.into(),

@@ -1,6 +1,7 @@
 //! The files of a run. One that cannot be written does not keep the others from being written.
 
-use anyhow::Context as _;
+use super::say::say;
+use anyhow::{Context as _, bail};
 use ipslam::geometry::StampedPose;
 use ipslam::grid::{FreeArea, GridBuilder, RESOLUTION};
 use ipslam::io::{geojson, map_json, map_server, tum, write_whole};
@@ -9,45 +10,115 @@ use ipslam::map::LineMap;
 use ipslam::picture::Figures;
 use ipslam::pipeline::Outcome;
 use ipslam::scan::{Scan, ScanConfig};
+use std::fs::{File, TryLockError};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// A folder for outputs, and what went wrong with them.
+///
+/// Files are written to a folder beside the results and moved in together at the end, `summary.json` last: where it is, all
+/// others are of the same run. A lock keeps two runs from one folder.
 pub struct Outputs {
     folder: PathBuf,
+    staging: PathBuf,
+    /// Held as long as the run writes; the system lets go of it however the run ends.
+    _lock: File,
+    staged: Vec<String>,
     pub errors: Vec<anyhow::Error>,
 }
+
+/// Written last.
+const SUMMARY: &str = "summary.json";
+/// Folders that begin with this are of runs under way, or of ones that were killed.
+const STAGING: &str = ".ipslam-";
 
 impl Outputs {
     /// A folder for what is made of a log: the one that was named, or one of the log's own.
     pub fn for_log(named: Option<&Path>, log: &str) -> anyhow::Result<Self> {
-        Self::new(named.map_or_else(|| Path::new("ipslam-out").join(log), Path::to_owned))
+        // A name of dots alone is another folder's.
+        let name = if log.trim_matches('.').is_empty() { "log" } else { log };
+        Self::new(named.map_or_else(|| Path::new("ipslam-out").join(name), Path::to_owned))
     }
 
     /// Makes the folder and tries it, so that a long run does not end without a place for its results.
     fn new(folder: PathBuf) -> anyhow::Result<Self> {
         let remedy = || format!("{}: no folder for outputs; name another one with --out", folder.display());
         std::fs::create_dir_all(&folder).with_context(remedy)?;
-        let probe = folder.join(".ipslam-probe");
+        let lock = File::create(folder.join(".lock")).with_context(remedy)?;
+        if let Err(TryLockError::WouldBlock) = lock.try_lock() {
+            bail!("{}: another run is writing to this folder; name another one with --out", folder.display());
+        }
+        // Nobody else writes here, so whatever was begun is of a run that was killed.
+        for entry in std::fs::read_dir(&folder).with_context(remedy)?.flatten() {
+            if entry.file_name().to_string_lossy().starts_with(STAGING) {
+                std::fs::remove_dir_all(entry.path()).with_context(remedy)?;
+            }
+        }
+        let staging = folder.join(format!("{STAGING}{}", std::process::id()));
+        std::fs::create_dir(&staging).with_context(remedy)?;
+        let probe = staging.join("probe");
         write_whole(&probe, |file| file.write_all(b"can this be written?")).with_context(remedy)?;
         std::fs::remove_file(&probe).with_context(remedy)?;
-        Ok(Self { folder, errors: Vec::new() })
+        Ok(Self { folder, staging, _lock: lock, staged: Vec::new(), errors: Vec::new() })
     }
 
-    /// Where a file of this name is.
+    /// Where a file of this name will be.
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
 
+    /// Where a file of this name is written to.
+    fn stage(&mut self, name: &str) -> PathBuf {
+        self.staged.push(name.to_owned());
+        self.staging.join(name)
+    }
+
     /// Writes a file.
     pub fn write(&mut self, name: &str, bytes: &[u8]) {
-        let written = write_whole(&self.path(name), |file| file.write_all(bytes));
-        self.note(written);
+        let path = self.stage(name);
+        self.note(write_whole(&path, |file| file.write_all(bytes)));
+    }
+
+    /// Moves all files to where they belong. Where one of them could not be written and the folder holds the results of an
+    /// earlier run, those stay, and the new ones come to a folder of their own.
+    pub fn finish(&mut self) {
+        let is_whole = self.staged.iter().all(|name| self.staging.join(name).is_file());
+        let target = if is_whole || !self.folder.join(SUMMARY).exists() {
+            self.folder.clone()
+        } else {
+            self.folder.join("incomplete")
+        };
+        let moved = self.move_to(&target);
+        self.note(moved.with_context(|| format!("{}: outputs cannot be moved there", target.display())));
+        if target == self.folder {
+            say!("outputs are in {}", target.display());
+        } else {
+            say!("not all outputs could be written; those that could are in {}", target.display());
+        }
+    }
+
+    fn move_to(&mut self, target: &Path) -> std::io::Result<()> {
+        std::fs::create_dir_all(target)?;
+        if let Err(error) = std::fs::remove_file(target.join(SUMMARY))
+            && error.kind() != ErrorKind::NotFound
+        {
+            return Err(error);
+        }
+        let is_last = |name: &&String| *name == SUMMARY;
+        for name in self.staged.iter().filter(|name| !is_last(name)).chain(self.staged.iter().filter(is_last)) {
+            let staged = self.staging.join(name);
+            if staged.is_file() {
+                std::fs::rename(staged, target.join(name))?;
+            }
+        }
+        self.staged.clear();
+        std::fs::remove_dir_all(&self.staging)
     }
 
     /// Writes the trajectory.
     pub fn write_trajectory(&mut self, name: &str, trajectory: &[StampedPose]) {
-        let written = tum::write(&self.path(name), trajectory);
-        self.note(written);
+        let path = self.stage(name);
+        self.note(tum::write(&path, trajectory));
     }
 
     /// Keeps an error for the end.
@@ -84,8 +155,9 @@ impl Outputs {
         let driven = result.relied_on().map(|(_, pose)| pose.position());
         let free = match builder.finish() {
             Ok(grid) => {
-                let written = map_server::write(&self.path("map.yaml"), &grid);
-                self.note(written);
+                self.stage("map.pgm");
+                let path = self.stage("map.yaml");
+                self.note(map_server::write(&path, &grid));
                 FreeArea::from_grid(&grid, driven)
             }
             Err(error) => {
@@ -95,8 +167,8 @@ impl Outputs {
         };
         let map = LineMap { free, ..result.map.clone() };
         let map_bytes = self.write_map(&map);
-        let walls = write_whole(&self.path("walls.geojson"), |file| geojson::write_walls(&map.clusters, file));
-        self.note(walls);
+        let path = self.stage("walls.geojson");
+        self.note(write_whole(&path, |file| geojson::write_walls(&map.clusters, file)));
         self.draw(&figures);
         map_bytes
     }
@@ -107,10 +179,15 @@ impl Outputs {
             Err(error) => self.note(Err(error)),
         }
     }
+}
 
-    /// The folder.
-    pub fn folder(&self) -> &Path {
-        &self.folder
+impl Drop for Outputs {
+    /// A run that failed leaves nothing behind, and no empty folders.
+    fn drop(&mut self) {
+        // What is not there, or not empty, is as it should be.
+        let _ = std::fs::remove_dir_all(&self.staging);
+        let _ = std::fs::remove_file(self.folder.join(".lock"));
+        let _ = std::fs::remove_dir(&self.folder);
     }
 }
 
@@ -129,4 +206,69 @@ fn add_scans(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(folder: &Path, name: &str) -> Option<String> {
+        std::fs::read_to_string(folder.join(name)).ok()
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(folder).unwrap();
+        let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    /// Writes two files; where `fails`, the map cannot be written.
+    fn run(folder: &Path, text: &str, fails: bool) -> Outputs {
+        let mut outputs = Outputs::new(folder.to_owned()).unwrap();
+        if fails {
+            std::fs::create_dir(outputs.staging.join("map.json")).unwrap();
+        }
+        outputs.write("map.json", text.as_bytes());
+        outputs.write(SUMMARY, text.as_bytes());
+        assert_eq!(outputs.errors.len(), usize::from(fails));
+        outputs
+    }
+
+    #[test]
+    fn results_of_two_runs_never_mix() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("out");
+        run(&folder, "first", false).finish();
+        assert_eq!(names(&folder), ["map.json", SUMMARY]);
+        // Killed before its end: nothing of it is seen, and what it left is gone after the next run.
+        std::mem::forget(run(&folder, "killed", false));
+        assert_eq!(read(&folder, "map.json").unwrap(), "first");
+        run(&folder, "second", true).finish();
+        assert_eq!([read(&folder, "map.json"), read(&folder, SUMMARY)].map(Option::unwrap), ["first", "first"]);
+        assert_eq!(names(&folder.join("incomplete")), [SUMMARY]);
+        run(&folder, "third", false).finish();
+        assert_eq!([read(&folder, "map.json"), read(&folder, SUMMARY)].map(Option::unwrap), ["third", "third"]);
+        assert!(!names(&folder).iter().any(|name| name.starts_with('.')), "{:?}", names(&folder));
+    }
+
+    #[test]
+    fn what_could_be_written_of_a_first_run_is_there() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("out");
+        run(&folder, "first", true).finish();
+        assert_eq!(names(&folder), [SUMMARY]);
+    }
+
+    #[test]
+    fn two_runs_do_not_write_to_one_folder() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("out");
+        let first = run(&folder, "first", false);
+        let error = Outputs::new(folder.clone()).err().unwrap().to_string();
+        assert!(error.contains("another run is writing"), "{error}");
+        drop(first);
+        assert!(!folder.exists(), "a run that failed leaves an empty folder");
+        assert!(Outputs::for_log(Some(&folder), "..").is_ok());
+    }
 }

@@ -1,6 +1,7 @@
 //! The progress bar: how far the log is, how fast, and how the filter does. None where stderr is no terminal.
 
 use super::interrupt;
+use super::say::say;
 use indicatif::{ProgressBar, ProgressStyle};
 use ipslam::log::LogError;
 use ipslam::pipeline::{Counts, Outcome, Run};
@@ -24,6 +25,9 @@ pub fn run_with_bar(
         bar.update(done, |seconds| message(progress.counts, seconds));
         !interrupt::happened()
     });
+    if interrupt::happened() {
+        say!("interrupted: writing what was done until now; again to stop at once");
+    }
     bar.into_iter().for_each(Progress::finish);
     outcome
 }

@@ -3,7 +3,7 @@
 use clap::ValueEnum;
 use ipslam::pipeline::RunInfo;
 use ipslam::report::Observer;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Where to record.
 #[derive(Debug, clap::Args)]
@@ -41,11 +41,12 @@ impl From<RecordLevel> for ipslam::record::rerun::Level {
 impl RecordingArgs {
     /// Who has to be told of every step of the run.
     #[cfg(feature = "record")]
-    pub fn observers(&self, info: &RunInfo) -> anyhow::Result<Vec<Box<dyn Observer>>> {
+    pub fn observers(&self, info: &RunInfo, input: Option<&Path>) -> anyhow::Result<Vec<Box<dyn Observer>>> {
         use ipslam::record::rerun::RerunObserver;
         let level = self.record_level.into();
         let mut observers: Vec<Box<dyn Observer>> = Vec::new();
         if let Some(path) = &self.record {
+            refuse_input(path, input)?;
             observers.push(Box::new(RerunObserver::to_file(path, info, level)?));
         }
         if let Some(url) = &self.connect {
@@ -56,10 +57,19 @@ impl RecordingArgs {
 
     /// Without the feature there is nobody to be told.
     #[cfg(not(feature = "record"))]
-    pub fn observers(&self, _info: &RunInfo) -> anyhow::Result<Vec<Box<dyn Observer>>> {
+    pub fn observers(&self, _info: &RunInfo, _input: Option<&Path>) -> anyhow::Result<Vec<Box<dyn Observer>>> {
         anyhow::ensure!(self.record.is_none() && self.connect.is_none(), "--record and --connect need {FEATURE}");
         Ok(Vec::new())
     }
+}
+
+/// A recording would destroy what the run reads, by whichever name it goes.
+#[cfg(feature = "record")]
+pub fn refuse_input(recording: &Path, input: Option<&Path>) -> anyhow::Result<()> {
+    // What is not there yet is no input.
+    let is_input = input.is_some_and(|input| same_file::is_same_file(recording, input).unwrap_or(false));
+    anyhow::ensure!(!is_input, "{}: this file is read by the run; record to another one", recording.display());
+    Ok(())
 }
 
 /// What a program lacks that was built without the recorder.

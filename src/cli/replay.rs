@@ -52,7 +52,9 @@ mod with_recorder {
     use super::super::backend::Chosen;
     use super::super::interrupt;
     use super::super::output::Outputs;
+    use super::super::recording::refuse_input;
     use super::super::run::Job;
+    use super::super::say::{print_line, say};
     use super::ReplayArgs;
     use anyhow::{bail, ensure};
     use ipslam::config::{Config, SlamConfig};
@@ -90,7 +92,7 @@ mod with_recorder {
                 recorded.info.device
             );
             if recorded.version != env!("CARGO_PKG_VERSION") {
-                eprintln!("{shown} was recorded by version {}: another version may differ", recorded.version);
+                say!("{shown} was recorded by version {}: another version may differ", recorded.version);
             }
         }
         let info = RunInfo { log: recorded.info.log.clone(), device, config: Config::Slam(config) };
@@ -99,6 +101,7 @@ mod with_recorder {
         let mut observers: Vec<Box<dyn Observer>> = vec![Box::new(Listener(Rc::clone(&replayed)))];
         let record = args.record.clone().or_else(|| (!args.verify).then(|| outputs.path("replay.rrd")));
         if let Some(path) = &record {
+            refuse_input(path, Some(&args.recording))?;
             observers.push(Box::new(RerunObserver::beside(&recorded, path, &info, args.record_level.into())?));
         }
         let smooth = recorded.result.is_none_or(|result| result.is_smoothed);
@@ -118,17 +121,19 @@ mod with_recorder {
         if args.verify {
             verify(&recorded, &replayed)?;
             let what = if recorded.result.is_some() { "the result" } else { "no result: the recording breaks off" };
-            println!("identical bit for bit: {} steps and {what}", recorded.steps.len());
-            return Ok(outputs.errors);
+            print_line!("identical bit for bit: {} steps and {what}", recorded.steps.len());
+            outputs.finish();
+            return Ok(std::mem::take(&mut outputs.errors));
         }
         let comparison = Comparison::new(&recorded, [&recorded_config, &config], &replayed, &mapped, &info);
         outputs.write("comparison.json", format!("{:#}\n", comparison.json()).as_bytes());
         let text = if args.json { format!("{:#}\n", comparison.json()) } else { format!("\n{}", comparison.table()) };
         let _ = std::io::stdout().write_all(text.as_bytes());
         if let Some(path) = record {
-            eprintln!("both runs side by side: {}", path.display());
+            say!("both runs side by side: {}", path.display());
         }
-        Ok(outputs.errors)
+        outputs.finish();
+        Ok(std::mem::take(&mut outputs.errors))
     }
 
     /// What the replay found.

@@ -7,6 +7,7 @@ use super::log::LogArgs;
 use super::output::Outputs;
 use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
+use super::say::say;
 use super::summary::Summary;
 use super::truth::{Truth, TruthArgs};
 use anyhow::{Context as _, anyhow};
@@ -72,7 +73,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     interrupt::watch()?;
     let Chosen { evaluator, name: device } = args.backend.choose()?;
     let info = RunInfo { log: source.name(), device, config: Config::Slam(config) };
-    let mut observers = args.recording.observers(&info)?;
+    let mut observers = args.recording.observers(&info, args.log.log.as_deref())?;
     let job = Job {
         source: &*source,
         info: &info,
@@ -83,8 +84,11 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         quiet: false,
     };
     let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
+    if mapped.counts.scans > 0 {
+        outputs.finish();
+    }
     args.nothing_mapped(&mapped)?;
-    Ok(outputs.errors)
+    Ok(std::mem::take(&mut outputs.errors))
 }
 
 /// What the progress bar says.
@@ -122,7 +126,7 @@ impl Job<'_> {
         outputs: &mut Outputs,
     ) -> anyhow::Result<Outcome> {
         let (RunInfo { log: name, device, .. }, config) = (self.info, self.config);
-        eprintln!("mapping {name}: {} particles in {} maps on the {device}", config.particles, config.maps);
+        say!("mapping {name}: {} particles in {} maps on the {device}", config.particles, config.maps);
         let mut slam = match evaluator {
             Some(evaluator) => Slam::with_evaluator(*config, evaluator),
             None => Slam::new(*config),
@@ -158,7 +162,6 @@ impl Job<'_> {
             // Whoever closed this pipe has read enough; the summary is in its file.
             let _ = std::io::stdout().write_all(summary.table().as_bytes());
         }
-        eprintln!("outputs are in {}", outputs.folder().display());
         if let End::BrokeOff(error) = &mapped.end {
             outputs.note(Err(anyhow!("{error}")));
         }

@@ -1,5 +1,7 @@
 //! `ipslam simulate`: a log of a simulated drive, and where the robot really was.
 
+use super::interrupt;
+use super::say::print_line;
 use anyhow::{Context as _, ensure};
 use clap::ValueEnum;
 use ipslam::io::carmen::CarmenWriter;
@@ -65,20 +67,28 @@ pub fn simulate(args: &SimulateArgs) -> anyhow::Result<()> {
     let log = args.out.join(format!("{}.log", simulation.name()));
     let truth = args.out.join(format!("{}.truth.tum", simulation.name()));
     let entries = simulation.open()?;
-    write_whole(&log, |file| {
+    interrupt::watch()?;
+    let written = write_whole(&log, |file| {
         let mut writer = CarmenWriter::new(file);
         for entry in entries {
+            if interrupt::happened() {
+                return Err(std::io::ErrorKind::Interrupted.into());
+            }
             writer.write(&entry.map_err(std::io::Error::other)?)?;
         }
         writer.finish().map(|_| ())
-    })?;
+    });
+    if interrupt::happened() {
+        return Ok(());
+    }
+    written?;
     tum::write(&truth, &simulation.truth().collect::<Vec<_>>())?;
 
     let (driven, steps) =
         simulation.steps().fold((0.0, 0), |(driven, steps), step| (driven + step.distance, steps + 1));
     let seconds = f64::from(steps - 1) / ipslam::simulate::STEP_RATE;
-    println!("{}: {} scans, {driven:.0} m in {seconds:.0} s", log.display(), simulation.sweeps());
-    println!("{}: the true poses", truth.display());
+    print_line!("{}: {} scans, {driven:.0} m in {seconds:.0} s", log.display(), simulation.sweeps());
+    print_line!("{}: the true poses", truth.display());
     Ok(())
 }
 

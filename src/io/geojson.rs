@@ -13,7 +13,10 @@ use std::io::Write;
 
 const FRAME: &str = "metres in the local frame of the map, x then y; not longitude and latitude";
 
-/// Writes walls of the world's frame. One that is not finite is left out.
+/// Writes walls of the world's frame \[m\]. One that is not finite is left out.
+///
+/// # Errors
+/// The writing fails.
 pub fn write_walls(clusters: &[Cluster], mut out: impl Write) -> std::io::Result<()> {
     let collection = json!({
         "type": "FeatureCollection",

@@ -121,7 +121,8 @@ struct Covariance {
 
 /// Writes a map, in the world's frame.
 ///
-/// Fails where the writing does, and with [`ErrorKind::InvalidData`] at a cluster that could not be read back.
+/// # Errors
+/// The writing fails; [`ErrorKind::InvalidData`] at a cluster that could not be read back.
 pub fn write_map(map: &LineMap, mut out: impl Write) -> std::io::Result<()> {
     let mut entries = Vec::new();
     for (index, cluster) in map.clusters.iter().enumerate() {
@@ -142,7 +143,10 @@ pub fn write_map(map: &LineMap, mut out: impl Write) -> std::io::Result<()> {
     writeln!(out)
 }
 
-/// Reads a map.
+/// Reads a map, in the world's frame.
+///
+/// # Errors
+/// The file cannot be opened, is no such map, or a cluster or the free area cannot be one; the message tells which.
 pub fn read_map(path: &Path) -> Result<LineMap, MapError> {
     let path = || path.to_path_buf();
     let text = File::open(path()).map_err(|source| MapError::Open { path: path(), source })?;

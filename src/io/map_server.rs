@@ -114,6 +114,9 @@ enum Mode {
 }
 
 /// Reads a grid: its YAML file, and the picture that this names.
+///
+/// # Errors
+/// A file cannot be opened or understood, or a value of it cannot be; the message names file and key.
 pub fn read(path: &Path) -> Result<OccupancyGrid, MapServerError> {
     let description = Description::read(path)?;
     // A path that is absolute stays what it is.

@@ -66,12 +66,18 @@ impl<'a> Figures<'a> {
     }
 
     /// Draws everything: file names and what is in the files.
+    ///
+    /// # Errors
+    /// A picture cannot be rendered.
     pub fn finish(&self) -> Result<Vec<(&'static str, Vec<u8>)>, PictureError> {
         let drawn: Vec<_> = self.pictures().into_par_iter().map(drawn).collect::<Result<_, PictureError>>()?;
         Ok(drawn.into_iter().flatten().collect())
     }
 
     /// Draws the map, the path and the points alone.
+    ///
+    /// # Errors
+    /// The picture cannot be rendered.
     pub fn map(&self) -> Result<Vec<(&'static str, Vec<u8>)>, PictureError> {
         drawn(("map.png", Some("map.svg"), self.map_picture()))
     }

@@ -25,6 +25,9 @@ pub enum PictureError {
 const MOST_PIXELS: u32 = 20_000;
 
 /// Renders an SVG document on white, its longer side `side` pixels, and returns the bytes of a PNG file.
+///
+/// # Errors
+/// The text is no SVG document, or its picture is too large.
 pub fn svg_to_png(svg: &str, side: u32) -> Result<Vec<u8>, PictureError> {
     let mut options = usvg::Options::default();
     // The fallback for whatever family a text asks for: no font of the machine is loaded.

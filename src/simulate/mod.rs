@@ -104,6 +104,7 @@ impl Simulation {
 
     /// A simulation of any plan.
     ///
+    /// # Errors
     /// Fails on options outside the ranges that their documentation gives, on a tour that does not lead 2 m away from
     /// its start or not back to it, and on coordinates more than 1000 km from the origin or not finite.
     pub fn new(name: String, plan: Plan, config: SimulationConfig) -> Result<Self, SimulationError> {

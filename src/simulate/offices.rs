@@ -32,6 +32,9 @@ struct Corridors {
 }
 
 /// Draws a building of `width` by `height` metres, both from 16 to 1000.
+///
+/// # Errors
+/// A side is outside of that.
 pub fn random_offices(seed: u64, width: f64, height: f64) -> Result<Plan, SimulationError> {
     for (what, side) in [("width of the building", width), ("height of the building", height)] {
         if !SIDES.contains(&side) {

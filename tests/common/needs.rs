@@ -79,6 +79,7 @@ fn python_missing() -> Option<String> {
 }
 
 /// The tests of a module, by what they need.
+#[allow(unused_macros, reason = "not every binary lists its tests by this")]
 macro_rules! trials {
     ($module:literal: $($needs:ident { $($test:ident),* $(,)? })*) => {
         /// The tests of this file.

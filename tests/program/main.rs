@@ -3,5 +3,6 @@
 #![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "a test's helpers may fail as a test does")]
 
 mod cli;
+mod faults;
 #[cfg(feature = "record")]
 mod replay;

@@ -1,5 +1,5 @@
 //! Recorded runs are read back, run again, verified and compared; a run that is killed leaves what it did.
-use ipslam::config::SlamConfig;
+use ipslam::config::{Config, SlamConfig};
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::pipeline::RunInfo;
 use ipslam::record::rerun::read::{ReadError, RecordedRun};
@@ -17,7 +17,7 @@ fn config() -> SlamConfig {
 }
 
 fn info() -> RunInfo {
-    RunInfo { task: Task::Mapping, log: "building".to_owned(), device: "CPU".to_owned(), config: config() }
+    RunInfo { log: "building".to_owned(), device: "CPU".to_owned(), config: Config::Slam(config()) }
 }
 
 fn entries(count: usize) -> Vec<LogEntry> {
@@ -33,7 +33,7 @@ fn record(path: &Path, level: Level, change: impl Fn(&mut StepReport<'_>)) -> Ve
         observer.on_event(&Event::Entry(entry));
         slam.add(entry, &mut |event| {
             let Event::Step(report) = event else { return };
-            let mut report = report.clone();
+            let mut report = StepReport::clone(report);
             change(&mut report);
             observer.on_event(&Event::Step(&report));
         });
@@ -87,19 +87,19 @@ fn a_checksum_sees_every_bit() {
     let mut seen = 0;
     for entry in entries(60) {
         slam.add(&entry, &mut |event| {
-            let Event::Step(report) = event else { return };
+            let Event::Step(report) = *event else { return };
             let is = report.checksum();
             let mut particles = report.particles.to_vec();
             particles[3].weight = f64::from_bits(particles[3].weight.to_bits() ^ 1);
-            assert_ne!(StepReport { particles: &particles, ..report.clone() }.checksum(), is);
+            assert_ne!(StepReport { particles: &particles, ..StepReport::clone(report) }.checksum(), is);
             let mut map = report.map.to_vec();
             if let Some(cluster) = map.last_mut() {
                 cluster.mean.y = f64::from_bits(cluster.mean.y.to_bits() ^ 1);
-                assert_ne!(StepReport { map: &map, ..report.clone() }.checksum(), is);
+                assert_ne!(StepReport { map: &map, ..StepReport::clone(report) }.checksum(), is);
                 seen += 1;
             }
             let parents: Vec<u32> = report.parents.iter().rev().copied().collect();
-            assert_ne!(StepReport { parents: &parents, ..report.clone() }.checksum(), is);
+            assert_ne!(StepReport { parents: &parents, ..StepReport::clone(report) }.checksum(), is);
         });
     }
     assert!(seen > 0);

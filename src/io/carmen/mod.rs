@@ -113,6 +113,9 @@ pub struct CarmenReader {
 
 impl CarmenReader {
     /// Reads a log from anything that holds its bytes, plain or gzip; `path` names it in errors.
+    ///
+    /// # Errors
+    /// The first bytes cannot be read, or are those of another format.
     pub fn from_reader(path: impl Into<PathBuf>, bytes: impl Read + Send + 'static) -> Result<Self, LogError> {
         let path = path.into();
         let input = match Input::new(bytes) {

@@ -28,7 +28,8 @@ impl<W: Write> CarmenWriter<W> {
 
     /// Writes one entry as one line.
     ///
-    /// [`ErrorKind::InvalidInput`] where the line could not be read back: a pose, stamp or angle that is not finite,
+    /// # Errors
+    /// The writing fails; [`ErrorKind::InvalidInput`] where the line could not be read back: a pose, stamp or angle that is not finite,
     /// no ranges, several beams at one angle.
     pub fn write(&mut self, entry: &LogEntry) -> io::Result<()> {
         match entry {
@@ -52,6 +53,9 @@ impl<W: Write> CarmenWriter<W> {
     }
 
     /// Flushes and gives `out` back.
+    ///
+    /// # Errors
+    /// The flushing fails.
     pub fn finish(mut self) -> io::Result<W> {
         self.out.flush()?;
         Ok(self.out)

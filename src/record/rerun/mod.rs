@@ -84,17 +84,49 @@ pub struct RerunObserver {
     failure: Option<String>,
     /// What to look at where the recording breaks off.
     hint: &'static str,
+    /// Of a recording to a file, until its first step is in it.
+    begun: Option<Begun>,
+}
+
+/// A file that takes the place of another one once it is worth more than that: when a step is in it.
+struct Begun {
+    partial: PathBuf,
+    path: PathBuf,
+}
+
+impl Begun {
+    /// Where to write for a file of this path; what is no regular file (a pipe, a device) is written to directly.
+    fn beside(path: &Path) -> (PathBuf, Option<Self>) {
+        if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
+            return (path.to_owned(), None);
+        }
+        // A link stays a link: the file that it leads to is replaced.
+        let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
+        (partial.clone(), Some(Self { partial, path }))
+    }
+}
+
+impl Drop for RerunObserver {
+    fn drop(&mut self) {
+        if let Some(begun) = self.begun.take() {
+            // Nothing came of it, and there may be nothing to remove.
+            let _ = std::fs::remove_file(begun.partial);
+        }
+    }
 }
 
 impl RerunObserver {
-    /// Records to a new file, replacing what is there.
+    /// Records to a new file. It takes the place of what is there once its first step is in it.
     ///
     /// # Errors
     /// The file cannot be made or written to.
     pub fn to_file(path: &Path, info: &RunInfo, level: Level) -> Result<Self, RecordError> {
-        let (stream, failed) = file(path, &info.log)?;
+        let (partial, begun) = Begun::beside(path);
+        let (stream, failed) = file(path, &partial, &info.log)?;
         blueprint::views(&info.config).send(&stream, BlueprintActivation::default())?;
-        Self::start(stream, "", level, info, FULL_DISK, failed)
+        Self::start(stream, "", level, info, FULL_DISK, begun, failed)
     }
 
     /// Records the replay of a recorded run to a new file, the recorded run beside it.
@@ -102,12 +134,13 @@ impl RerunObserver {
     /// # Errors
     /// As for [`RerunObserver::to_file`].
     pub fn beside(recorded: &RecordedRun, path: &Path, info: &RunInfo, level: Level) -> Result<Self, RecordError> {
-        let (stream, failed) = file(path, &format!("{}, replayed", info.log))?;
+        let (partial, begun) = Begun::beside(path);
+        let (stream, failed) = file(path, &partial, &format!("{}, replayed", info.log))?;
         blueprint::comparison_blueprint().send(&stream, BlueprintActivation::default())?;
         // How two runs share a plot is not how one has it alone.
         blueprint::log_styles(&stream, blueprint::RECORDED)?;
         recorded.send(&stream, blueprint::RECORDED);
-        Self::start(stream, blueprint::REPLAYED, level, info, FULL_DISK, failed)
+        Self::start(stream, blueprint::REPLAYED, level, info, FULL_DISK, begun, failed)
     }
 
     /// Streams to a viewer that is running, on this computer where no address is given.
@@ -122,7 +155,7 @@ impl RerunObserver {
         stream.set_log_time_enabled(false);
         blueprint::views(&info.config).send(&stream, BlueprintActivation::default())?;
         let failed = |reason| RecordError::NoViewer { url: url.to_owned(), reason };
-        Self::start(stream, "", level, info, "was the viewer closed?", failed)
+        Self::start(stream, "", level, info, "was the viewer closed?", None, failed)
     }
 
     /// Sends what does not change, and makes sure that it arrives.
@@ -132,11 +165,13 @@ impl RerunObserver {
         level: Level,
         info: &RunInfo,
         hint: &'static str,
+        begun: Option<Begun>,
         failed: impl Fn(String) -> RecordError,
     ) -> Result<Self, RecordError> {
         let recorder = Recorder::new(stream, root, level, info)?;
-        check(recorder.stream()).map_err(failed)?;
-        Ok(Self { recorder: Some(recorder), failure: None, hint })
+        let this = Self { recorder: Some(recorder), failure: None, hint, begun };
+        this.recorder.as_ref().map_or(Ok(()), |recorder| check(recorder.stream())).map_err(failed)?;
+        Ok(this)
     }
 
     /// Does something with the recorder, and ends the recording where that fails.
@@ -155,6 +190,7 @@ impl RerunObserver {
 
 impl Observer for RerunObserver {
     fn on_event(&mut self, event: &Event<'_>) {
+        let mut begun = self.begun.take();
         self.record(|recorder| {
             let logged = match event {
                 Event::Entry(entry) => recorder.log_entry(entry),
@@ -164,11 +200,17 @@ impl Observer for RerunObserver {
             };
             logged.map_err(|error| error.to_string())?;
             match event {
+                Event::Step(_) if begun.is_some() => {
+                    check(recorder.stream())?;
+                    let Some(Begun { partial, path }) = begun.take() else { return Ok(()) };
+                    std::fs::rename(partial, &path).map_err(|error| format!("{}: {error}", path.display()))
+                }
                 Event::Step(report) if report.step % CHECK_EVERY == CHECK_EVERY - 1 => check(recorder.stream()),
                 Event::Finished { .. } => check(recorder.stream()),
                 _ => Ok(()),
             }
         });
+        self.begun = begun;
         if let Event::Finished { .. } = event {
             self.recorder = None;
         }
@@ -181,11 +223,15 @@ impl Observer for RerunObserver {
 
 const FULL_DISK: &str = "is the disk full?";
 
-/// A stream to a new file, and what to say where it takes nothing.
-fn file(path: &Path, name: &str) -> Result<(RecordingStream, impl Fn(String) -> RecordError + use<>), RecordError> {
+/// A stream to the file `partial`, and what to say of the file `path` where it takes nothing.
+fn file(
+    path: &Path,
+    partial: &Path,
+    name: &str,
+) -> Result<(RecordingStream, impl Fn(String) -> RecordError + use<>), RecordError> {
     let named = path.to_owned();
     let failed = move |reason: String| RecordError::File { path: named.clone(), reason };
-    let stream = builder(name).save(path).map_err(|error| match error {
+    let stream = builder(name).save(partial).map_err(|error| match error {
         RecordingStreamError::FileSink(::rerun::sink::FileSinkError::CreateFile { source, .. }) => {
             failed(source.to_string())
         }
