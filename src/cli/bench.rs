@@ -1,6 +1,6 @@
 //! `ipslam bench`: how fast this machine and each of its devices weigh particles.
 
-use super::say::{print_line, say};
+use super::say::print_line;
 use super::workload::{FLOP, Workload, instructions, peak_flops};
 use ipslam::evaluator::Evaluator;
 use ipslam::evaluator::cpu::CpuEvaluator;
@@ -188,7 +188,7 @@ type Named = (String, Box<dyn Evaluator>);
 
 #[cfg(not(feature = "gpu"))]
 fn devices() -> (Vec<Named>, Vec<anyhow::Error>) {
-    say!("no GPU: this program was built without the feature gpu");
+    super::say::say!("no GPU: this program was built without the feature gpu");
     (Vec::new(), Vec::new())
 }
 

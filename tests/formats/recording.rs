@@ -1,6 +1,6 @@
 //! Recordings are read back with Rerun's own reader and compared with what was reported.
 use ipslam::config::{Config, SlamConfig};
-use ipslam::geometry::{Pose, StampedPose};
+use ipslam::geometry::Pose;
 use ipslam::map::LineMap;
 use ipslam::pipeline::RunInfo;
 use ipslam::ppca::Cluster;
