@@ -12,44 +12,52 @@
 //! Table I named in this documentation are those of that paper.
 //!
 //! # The journey of one scan
-//! 1. A log, [`io`] or [`simulate`], tells odometry and ranges; [`scan`] makes points of the ranges.
-//! 2. Between steps, the robot is followed in the best map by odometry and scan matching ([`slam`]). Once it has moved
-//!    far enough, the scan makes a step of the filter:
+//! 1. A source of readings ([`log`]; from [`io`] or [`simulate`]) gives odometry and ranges; [`scan`] makes points of the
+//!    ranges.
+//! 2. Between steps, the robot is tracked in the best map by odometry and scan matching ([`tracking`], [`slam`]). Once it
+//!    has moved far enough, the scan makes a step of the filter:
 //! 3. [`clustering`] splits the points into lines, each a [`ppca`] model, in the robot's frame and so once for all
 //!    particles.
-//! 4. Each particle draws a pose: [`motion`] tells from odometry where the robot may be, and the [`evaluator`], on the CPU
-//!    or on a GPU, climbs from there to where the scan fits the particle's own map.
-//! 5. The evaluator tells how likely the points are from that pose in that map: the particle's weight. [`filter`]
-//!    resamples where too few particles carry it.
+//! 4. Each particle draws a pose: [`motion`] gives the distribution of where the robot may be by odometry, and the
+//!    [`evaluator`], on the CPU or on a GPU, climbs from there to a mode of the posterior in the particle's own map.
+//! 5. The evaluator computes the log-likelihood of the points there ([`likelihood`]): the particle's weight. [`filter`]
+//!    resamples where the effective sample size is low.
 //! 6. [`map`] finds for each cluster of the scan the wall that it is part of and merges the two, or adds it as a new wall.
-//! 7. A [`record::StepReport`] tells observers what was done.
+//! 7. A [`report::StepReport`] is handed to observers.
 //!
-//! After the last scan, [`smoothing`] matches every scan to the finished map and fits the map to all scans;
-//! [`picture`] draws the result, [`metrics`] score it.
+//! [`pipeline`] runs a source, an estimator and observers. After the last scan, [`smoothing`] matches every scan to the
+//! finished map and fits the map to all scans; [`picture`] draws the result, [`metrics`] score it.
 //!
-//! # The modules, in the order of the data
+//! # The modules: each uses only those above it
 //! | Module | Task | Paper |
 //! |---|---|---|
-//! | [`config`] | everything that can be set | |
 //! | [`geometry`] | poses of the plane | |
 //! | [`math`] | logarithm, sine and cosine, the same on every device | |
 //! | [`random`] | draws that depend on seed, step, particle and draw number alone | |
+//! | [`ablation`] | the paper's own rules in place of ours | |
+//! | [`log`] | readings, and where they come from | |
+//! | [`ppca`] | the model of one cluster: fit, density, moments | III-A, eq. 7-13 |
+//! | [`scan`] | ranges to points in the robot's frame | |
+//! | [`motion`] | odometry to a distribution of motions | eq. 17 |
+//! | [`likelihood`] | how likely a point is, given a map | eq. 18 |
+//! | [`clustering`] | points to clusters | III-B |
+//! | [`grid`] | cells free and occupied, and the area where a robot can be | |
+//! | [`map`] | clusters of all maps, matching and merging | III-D, III-E |
+//! | [`gpu`] | devices, buffers, submissions | |
+//! | [`evaluator`] | poses drawn where motion and scan agree, and how likely the scan is from there | eq. 17, 18 |
+//! | [`filter`] | weights, resampling, ancestry, KLD sampling, recovery | IV |
+//! | [`tracking`] | the motion since the last step | |
+//! | [`report`] | events, step reports, results; estimators and observers | |
+//! | [`smoothing`] | all scans and the finished map, fitted to each other | |
+//! | [`slam`] | one step after the other | Table I |
+//! | [`localization`] | where the robot is in a map that is known | |
+//! | [`config`] | what a run was set to do | |
+//! | [`pipeline`] | source + estimator + observers -> result | |
 //! | [`io`] | files in and out: logs, trajectories, relations, `map.json`, grids of ROS, GeoJSON | |
 //! | [`simulate`] | a robot in a building, as a log with known truth | |
-//! | [`scan`] | ranges to points in the robot's frame | |
-//! | [`ppca`] | the model of one cluster: fit, density, moments | III-A, eq. 7-13 |
-//! | [`clustering`] | points to clusters | III-B |
-//! | [`motion`] | odometry to a distribution of motions | eq. 17 |
-//! | [`evaluator`] | poses drawn where motion and scan agree, and how likely the scan is from there | eq. 17, 18 |
-//! | [`filter`] | weights, resampling, the paths of all particles | IV |
-//! | [`map`] | clusters of all maps, matching and merging | III-D, III-E |
-//! | [`slam`] | one step after the other | Table I |
-//! | [`smoothing`] | all scans and the finished map, fitted to each other | |
-//! | [`record`] | what a step reports, and to whom | |
-//! | [`grid`] | what the scans saw free and occupied, cell by cell, and the area where a robot can be | |
-//! | [`localization`] | where the robot is in a map that is known | |
 //! | [`metrics`] | errors of a trajectory against the truth | |
 //! | [`picture`] | a run seen from above, as SVG and PNG | fig. 3, 4 |
+//! | [`record`] | recordings for the Rerun viewer | |
 //!
 //! # Use
 //! Half a minute of a simulated drive, mapped by four particles with a map each:

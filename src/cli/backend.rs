@@ -1,7 +1,13 @@
 //! Which evaluator a run takes: a GPU or the CPU.
 
+#[cfg(feature = "gpu")]
+use super::say::print_line;
 use clap::ValueEnum;
 use ipslam::evaluator::Evaluator;
+#[cfg(feature = "gpu")]
+use std::process::{Command, Stdio};
+#[cfg(feature = "gpu")]
+use std::time::{Duration, Instant};
 
 /// What evaluates the particles.
 #[derive(Debug, clap::Args)]
@@ -51,7 +57,7 @@ impl BackendArgs {
 impl BackendArgs {
     /// The evaluator that was asked for.
     pub fn choose(&self) -> anyhow::Result<Chosen> {
-        use ipslam::gpu::device::{AdapterKind, find};
+        use ipslam::gpu::device::find;
         match self.backend {
             Backend::Cpu => {
                 anyhow::ensure!(self.adapter.is_none(), "--adapter chooses a GPU, and --backend cpu takes none");
@@ -60,12 +66,11 @@ impl BackendArgs {
             Backend::Gpu => Ok(open(&find(self.adapter.as_deref())?)?),
             // A device that was named is taken, whatever it is.
             Backend::Auto if self.adapter.is_some() => Ok(open(&find(self.adapter.as_deref())?)?),
-            Backend::Auto => Ok(match find(None) {
-                Ok(adapter) if adapter.kind == AdapterKind::Software => {
-                    Chosen::cpu(Some(format!("{} is no GPU but software", adapter.name)))
-                }
-                Ok(adapter) => open(&adapter).unwrap_or_else(|error| Chosen::cpu(Some(error.to_string()))),
-                Err(error) => Chosen::cpu(Some(error.to_string())),
+            Backend::Auto => Ok(match probe() {
+                Ok(()) => find(None)
+                    .and_then(|adapter| open(&adapter))
+                    .unwrap_or_else(|error| Chosen::cpu(Some(error.to_string()))),
+                Err(reason) => Chosen::cpu(Some(reason)),
             }),
         }
     }
@@ -76,4 +81,51 @@ fn open(adapter: &ipslam::gpu::device::Adapter) -> Result<Chosen, ipslam::gpu::D
     let evaluator = ipslam::evaluator::gpu::GpuEvaluator::new(adapter)?;
     let name = format!("{} ({}, {})", adapter.name, adapter.interface, adapter.driver);
     Ok(Chosen { evaluator: Some(Box::new(evaluator)), name })
+}
+
+/// Whether there is a GPU worth opening, asked of another process: a driver may crash where it is only listed, and complains
+/// on stderr of what is none of the user's business.
+#[cfg(feature = "gpu")]
+fn probe() -> Result<(), String> {
+    const PATIENCE: Duration = Duration::from_secs(20);
+    let program = std::env::current_exe().map_err(|error| format!("the graphics driver cannot be asked: {error}"))?;
+    let mut child = Command::new(program)
+        .args(["devices", "--probe"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .map_err(|error| format!("the graphics driver cannot be asked: {error}"))?;
+    let began = Instant::now();
+    while let Ok(None) = child.try_wait() {
+        if began.elapsed() > PATIENCE {
+            // It may be over by now, or nothing may help.
+            let _ = child.kill();
+            return Err(format!("the graphics driver did not answer in {} s", PATIENCE.as_secs()));
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let output = child.wait_with_output().map_err(|error| format!("the graphics driver cannot be asked: {error}"))?;
+    match String::from_utf8_lossy(&output.stdout).trim() {
+        USABLE if output.status.success() => Ok(()),
+        reason if output.status.success() => Err(reason.to_owned()),
+        _ => Err(format!("the graphics driver crashed when its devices were listed: {}", output.status)),
+    }
+}
+
+/// What the other process says where there is a GPU.
+#[cfg(feature = "gpu")]
+const USABLE: &str = "usable";
+
+/// The other process: says on stdout whether there is a GPU, or why not.
+#[cfg(feature = "gpu")]
+pub fn answer_probe() {
+    use ipslam::gpu::device::{AdapterKind, find};
+    match find(None) {
+        Ok(adapter) if adapter.kind == AdapterKind::Software => {
+            print_line!("{} is no GPU but software", adapter.name);
+        }
+        Ok(_) => print_line!("{USABLE}"),
+        Err(error) => print_line!("{error}"),
+    }
 }

@@ -68,6 +68,13 @@ enum Command {
 
 /// Runs the command line.
 pub fn main() -> ExitCode {
+    // A device that gives up is told as an error.
+    let default_hook = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        if !ipslam::gpu::is_guarded() {
+            default_hook(panic);
+        }
+    }));
     let errors = match Cli::parse().command {
         Command::Run(args) => run::run(&args).unwrap_or_else(|error| vec![error]),
         Command::Localize(args) => localize::localize(&args).unwrap_or_else(|error| vec![error]),

@@ -2,7 +2,7 @@
 
 use super::pose::LocalPose;
 use super::{Advance, Evaluator, Propagation, Proposal, Scene, Weighed, cpu};
-use crate::gpu::DeviceError;
+use crate::gpu::{DeviceError, guarded};
 
 /// An evaluator that may fail, and the CPU from then on.
 #[derive(Debug)]
@@ -40,10 +40,12 @@ impl Failover {
 
     /// What the preferred evaluator answers, while there is one.
     fn preferred<T>(&mut self, ask: impl FnOnce(&mut dyn Evaluator) -> Result<T, DeviceError>) -> Option<T> {
-        match ask(self.preferred.as_deref_mut()?) {
+        let evaluator = self.preferred.as_deref_mut()?;
+        match guarded("in use", || ask(evaluator)) {
             Ok(answer) => Some(answer),
             Err(failure) => {
-                self.preferred = None;
+                // Taking down what is broken may wait for it, or panic: it stays where it is until the program ends.
+                std::mem::forget(self.preferred.take());
                 self.failure = Some(failure);
                 None
             }

@@ -1,6 +1,6 @@
 //! Which devices there are, and one of them opened.
 
-use super::DeviceError;
+use super::{DeviceError, guarded};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// A device that kernels may run on.
@@ -34,8 +34,12 @@ pub enum AdapterKind {
 
 /// Every device, the likely fastest first.
 pub fn adapters() -> Vec<Adapter> {
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-    let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
+    let listed = guarded("list", || {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        Ok(pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY)))
+    });
+    // A driver that cannot be asked has no devices.
+    let found = listed.unwrap_or_default();
     let mut adapters: Vec<Adapter> = found.into_iter().map(Adapter::new).collect();
     adapters.sort_by_key(|adapter| adapter.kind);
     adapters

@@ -8,6 +8,35 @@ pub mod device;
 #[cfg(feature = "gpu")]
 pub mod submission;
 
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+thread_local! {
+    static IS_GUARDED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Whether this thread does work whose panics end in a [`DeviceError`]: nobody has to be told of them.
+pub fn is_guarded() -> bool {
+    IS_GUARDED.get()
+}
+
+/// Does some work on a device. Libraries below us panic where a driver gives up at a moment that they do not expect.
+///
+/// # Errors
+/// Those of the work; [`DeviceError::DeviceFailed`] where it panics.
+pub fn guarded<T>(device: &str, work: impl FnOnce() -> Result<T, DeviceError>) -> Result<T, DeviceError> {
+    let before = IS_GUARDED.replace(true);
+    // After a panic whatever the work touched is not used again: see `Failover`.
+    let done = catch_unwind(AssertUnwindSafe(work));
+    IS_GUARDED.set(before);
+    done.unwrap_or_else(|panic| {
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("it gave up");
+        let reason = text.lines().last().unwrap_or_default().trim().to_owned();
+        Err(DeviceError::DeviceFailed { device: device.to_owned(), reason })
+    })
+}
+
 /// Why a device gave no answer.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]

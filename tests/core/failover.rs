@@ -10,14 +10,21 @@ use ipslam::report::Estimator as _;
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 
-/// Answers so many times, then no more.
+/// Answers so many times, then no more: it fails, or panics as libraries do where a device is lost while they wait for it.
 #[derive(Debug)]
-struct Dying(u32);
+struct Dying {
+    answers: u32,
+    panics: bool,
+}
 
 impl Dying {
     fn breathe(&mut self) -> Result<(), DeviceError> {
         let failure = || DeviceError::DeviceFailed { device: "Dying".to_owned(), reason: "it has died".to_owned() };
-        self.0 = self.0.checked_sub(1).ok_or_else(failure)?;
+        match self.answers.checked_sub(1) {
+            Some(left) => self.answers = left,
+            None if self.panics => panic!("Dying: it has died"),
+            None => return Err(failure()),
+        }
         Ok(())
     }
 }
@@ -53,8 +60,9 @@ fn the_cpu_does_the_step_again() {
         };
         let (no_failure, expected) = drive(Slam::new(config));
         assert_eq!(no_failure, None);
-        for answers in [0, 1, 30, u32::MAX] {
-            let (failure, trajectory) = drive(Slam::with_evaluator(config, Box::new(Dying(answers))));
+        for (answers, panics) in [(0, false), (0, true), (1, false), (30, false), (30, true), (u32::MAX, false)] {
+            let dying = Dying { answers, panics };
+            let (failure, trajectory) = drive(Slam::with_evaluator(config, Box::new(dying)));
             assert_eq!(failure.is_none(), answers == u32::MAX, "after {answers} answers");
             assert!(failure.is_none_or(|failure| failure.contains("Dying") && failure.contains("it has died")));
             assert_eq!(trajectory, expected, "after {answers} answers");

@@ -11,10 +11,10 @@ use super::grouping::{ParticleGroup, by_place, in_order};
 use super::pose::LocalPose;
 use super::table::{Changed, ClusterTable, Revision};
 use super::{Advance, Evaluator, Mode, Propagation, Proposal, SLACK, Scene, Weighed};
-use crate::gpu::DeviceError;
 use crate::gpu::buffers::{Buffer, Usage};
 use crate::gpu::device::{Adapter, AdapterKind, Device};
 use crate::gpu::submission::{Bindings, Pipeline, Submission};
+use crate::gpu::{DeviceError, guarded};
 use crate::likelihood::ClusterParams;
 use crate::map::Slot;
 use buffers::{Buffers, phase_offset};
@@ -73,7 +73,7 @@ impl GpuEvaluator {
     /// # Errors
     /// The device cannot be opened, or its driver refuses a kernel.
     pub fn new(adapter: &Adapter) -> Result<Self, DeviceError> {
-        Self::with_sources(adapter, Kernel::source)
+        guarded(&adapter.name, || Self::with_sources(adapter, Kernel::source))
     }
 
     /// The same with other texts for the kernels: for tests that have to see wrong ones fail.

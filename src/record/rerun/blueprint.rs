@@ -62,13 +62,13 @@ pub const ODOMETRY_READING: &str = "run/log/odometry";
 pub const TRUTH: &str = "run/log/truth";
 /// Pose of the best particle.
 pub const POSE: &str = "run/step/pose";
-/// [`StepReport::checksum`](crate::record::StepReport::checksum).
+/// [`StepReport::checksum`](crate::report::StepReport::checksum).
 pub const CHECKSUM: &str = "run/step/checksum";
 /// Every particle.
 pub const ALL_PARTICLES: &str = "run/step/particles";
 /// Ancestry.
 pub const PARENTS: &str = "run/step/parents";
-/// [`RunResult::checksum`](crate::record::RunResult::checksum).
+/// [`RunResult::checksum`](crate::report::RunResult::checksum).
 pub const RESULT: &str = "run/result";
 
 /// Root of a recorded run beside its replay.

@@ -19,6 +19,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 pub mod blueprint;
+mod frames;
 mod log;
 pub mod read;
 

@@ -4,6 +4,7 @@
 //! was stopped, is read as far as it goes.
 
 use super::blueprint;
+use super::frames::{WholeFrames, whole_frames};
 use super::log::About;
 use crate::config::ConfigError;
 use crate::geometry::Pose;
@@ -18,6 +19,7 @@ use ::rerun::{
 };
 use nalgebra::Point2;
 use std::collections::BTreeMap;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -120,11 +122,13 @@ impl RecordedRun {
         if file.metadata().map_err(open)?.is_dir() {
             return Err(open(std::io::ErrorKind::IsADirectory.into()));
         }
-        let stores = ChunkStore::from_rrd_reader(&ChunkStoreConfig::ALL_DISABLED, &mut file)
+        let WholeFrames { bytes, damage } = whole_frames(&mut file).map_err(open)?;
+        let stores = ChunkStore::from_rrd_reader(&ChunkStoreConfig::ALL_DISABLED, &mut file.take(bytes))
             .map_err(|error| not(&format!("{error:#}")))?;
         let recordings = stores.into_iter().filter(|(id, _)| id.kind() == StoreKind::Recording);
         let mut recordings: Vec<ChunkStore> = recordings.map(|(_, store)| store).collect();
-        let store = recordings.pop().ok_or_else(|| not("it holds no recording"))?;
+        let nothing = damage.unwrap_or_else(|| "it holds no recording".to_owned());
+        let store = recordings.pop().ok_or_else(|| not(&nothing))?;
         if !recordings.is_empty() {
             return Err(not("it holds several recordings"));
         }
