@@ -68,6 +68,9 @@ pub struct LogStats {
     /// Laser readings of a bag that does not tell where the laser is mounted; it is taken to be at the robot's origin
     /// and to look forward.
     pub laser_without_mounting: u64,
+    /// Laser readings that do not tell the angles of their beams, of a laser that is not known by their number: 180° were
+    /// assumed.
+    pub guessed_angles: u64,
     /// Stamps lower than the one before.
     pub backward_stamps: u64,
 }

@@ -33,9 +33,9 @@ pub struct Scan {
     pub stamp: f64,
     /// End points of the beams that hit something, in the robot's frame \[m\], in the order of the beams.
     pub points: Vec<Point2<f64>>,
-    /// Beams without return (at or above the maximum range).
+    /// Beams without return: at or above the maximum range, or +∞ (REP 117).
     pub no_return: usize,
-    /// Beams whose range is no measurement: NaN, infinite, negative, or below the minimum range.
+    /// Beams whose range is no measurement: NaN, negative, or below the minimum range.
     pub invalid: usize,
 }
 
@@ -48,7 +48,7 @@ impl Scan {
         let max_range = max_range.min(reading.max_range);
         let mut scan = Scan { stamp: reading.stamp, ..Scan::default() };
         for (beam, &range) in reading.ranges.iter().enumerate() {
-            if range.is_nan() || range < min_range || range == f64::INFINITY {
+            if range.is_nan() || range < min_range {
                 scan.invalid += 1;
             } else if range >= max_range {
                 scan.no_return += 1;
@@ -84,6 +84,6 @@ mod tests {
         for (point, (x, y)) in scan.points.iter().zip(expected) {
             assert!((point.x - x).abs() < 1e-12 && (point.y - y).abs() < 1e-12, "{point} is not ({x}, {y})");
         }
-        assert_eq!((scan.invalid, scan.no_return), (4, 2));
+        assert_eq!((scan.invalid, scan.no_return), (3, 3));
     }
 }

@@ -1,11 +1,13 @@
 //! `ipslam convert`: a log or a map in another format.
 
 use super::interrupt;
+use super::say::say;
 use anyhow::{Context as _, anyhow, bail};
 use flate2::{Compression, write::GzEncoder};
 use ipslam::clustering::ClusteringConfig;
 use ipslam::grid::{FreeArea, OccupancyGrid, RESOLUTION, drawn};
 use ipslam::io::carmen::CarmenWriter;
+use ipslam::io::map_server::ReadGrid;
 use ipslam::io::mcap::Topics;
 use ipslam::io::{geojson, map_json, map_server, open_log, write_whole};
 use ipslam::map::{LineMap, clusters_of_grid};
@@ -75,7 +77,7 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
         .with_context(|| format!("{}: the ending of this name tells no format\n{POSSIBLE}", output.display()))?;
     let map = match Format::of(input) {
         Some(Format::Json) => Map::Clusters(map_json::read_map(input)?),
-        Some(Format::MapServer) => Map::Grid(map_server::read(input)?),
+        Some(Format::MapServer) => Map::Grid(read_grid(input)?),
         Some(Format::GeoJson | Format::Svg) => bail!("{}: this format is only written\n{POSSIBLE}", input.display()),
         // The name of a log may end in anything.
         Some(Format::Log | Format::LogGzip) | None if format.is_log() => return convert_log(input, output, format),
@@ -100,6 +102,13 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+/// Reads a grid, and says what is odd about it.
+pub fn read_grid(path: &Path) -> anyhow::Result<OccupancyGrid> {
+    let ReadGrid { grid, warnings } = map_server::read(path)?;
+    warnings.iter().for_each(|warning| say!("warning: {warning}"));
+    Ok(grid)
 }
 
 impl Map {

@@ -2,20 +2,21 @@
 
 use super::backend::{BackendArgs, Chosen};
 use super::configuration;
+use super::convert::read_grid;
 use super::interrupt;
 use super::log::LogArgs;
 use super::output::Outputs;
 use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::run::ThreadArgs;
-use super::say::say;
+use super::say::{print_line, say};
 use super::summary::refused_odometry;
 use anyhow::{Context as _, anyhow, bail, ensure};
 use ipslam::clustering::ClusteringConfig;
 use ipslam::config::{Config, LocalizationConfig};
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::grid::FreeArea;
-use ipslam::io::{map_json, map_server, tum};
+use ipslam::io::{map_json, tum};
 use ipslam::localization::{InitialPose, Localization};
 use ipslam::log::{self, LogEntry, LogError, LogSource};
 use ipslam::map::{LineMap, clusters_of_grid};
@@ -27,7 +28,6 @@ use ipslam::scan::Scan;
 use serde::Serialize;
 use serde_json::json;
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Finds the robot in a finished map.
@@ -148,7 +148,7 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     outputs.write("summary.json", format!("{:#}\n", summary.json()).as_bytes());
     draw(&mut outputs, &*source, &outcome, &config, reference.as_deref().unwrap_or_default());
     let text = if args.json { format!("{:#}\n", summary.json()) } else { summary.table() };
-    let _ = std::io::stdout().write_all(text.as_bytes());
+    print_line!("{}", text.trim_end());
     outputs.finish();
     Ok(std::mem::take(&mut outputs.errors))
 }
@@ -166,7 +166,7 @@ fn known_map(path: &Path) -> anyhow::Result<LineMap> {
             map
         }
         Some("yaml" | "yml") => {
-            let grid = map_server::read(path)?;
+            let grid = read_grid(path)?;
             let free = FreeArea::from_grid(&grid, []);
             ensure!(free.is_some(), "{shown}: no cell of it is free");
             LineMap { clusters: clusters_of_grid(&grid, &ClusteringConfig::default()), free }

@@ -242,7 +242,9 @@ mod tests {
         run(&folder, "first", false).finish();
         assert_eq!(names(&folder), ["map.json", SUMMARY]);
         // Killed before its end: nothing of it is seen, and what it left is gone after the next run.
-        std::mem::forget(run(&folder, "killed", false));
+        let killed = folder.join(format!("{STAGING}1"));
+        std::fs::create_dir(&killed).unwrap();
+        std::fs::write(killed.join("map.json"), "killed").unwrap();
         assert_eq!(read(&folder, "map.json").unwrap(), "first");
         run(&folder, "second", true).finish();
         assert_eq!([read(&folder, "map.json"), read(&folder, SUMMARY)].map(Option::unwrap), ["first", "first"]);

@@ -66,7 +66,6 @@ mod with_recorder {
     use serde_json::json;
     use std::cell::RefCell;
     use std::fmt::Write as _;
-    use std::io::Write as _;
     use std::rc::Rc;
 
     /// Runs the log of a recording again. Errors that the run went on after are returned as a list.
@@ -128,7 +127,7 @@ mod with_recorder {
         let comparison = Comparison::new(&recorded, [&recorded_config, &config], &replayed, &mapped, &info);
         outputs.write("comparison.json", format!("{:#}\n", comparison.json()).as_bytes());
         let text = if args.json { format!("{:#}\n", comparison.json()) } else { format!("\n{}", comparison.table()) };
-        let _ = std::io::stdout().write_all(text.as_bytes());
+        print_line!("{}", text.trim_end());
         if let Some(path) = record {
             say!("both runs side by side: {}", path.display());
         }

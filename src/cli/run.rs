@@ -7,7 +7,7 @@ use super::log::LogArgs;
 use super::output::Outputs;
 use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
-use super::say::say;
+use super::say::{print_line, say};
 use super::summary::Summary;
 use super::truth::{Truth, TruthArgs};
 use anyhow::{Context as _, anyhow};
@@ -18,7 +18,6 @@ use ipslam::pipeline::{Counts, End, Outcome, Run, RunInfo};
 use ipslam::report::Observer;
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -160,7 +159,7 @@ impl Job<'_> {
         outputs.write("summary.json", format!("{:#}\n", summary.json()?).as_bytes());
         if !self.quiet {
             // Whoever closed this pipe has read enough; the summary is in its file.
-            let _ = std::io::stdout().write_all(summary.table().as_bytes());
+            print_line!("{}", summary.table().trim_end());
         }
         if let End::BrokeOff(error) = &mapped.end {
             outputs.note(Err(anyhow!("{error}")));

@@ -85,6 +85,12 @@ impl Summary<'_> {
                     .to_owned(),
             );
         }
+        if stats.guessed_angles > 0 {
+            warnings.push(format!(
+                "sweeps that do not tell the angles of their beams: {}; 180 degrees were assumed (option --fov)",
+                stats.guessed_angles
+            ));
+        }
         if stats.backward_stamps > 0 {
             let count = stats.backward_stamps;
             warnings.push(format!("stamps that go backwards: {count}; the order of the log counted, not the stamps"));

@@ -5,10 +5,12 @@
 use crate::log::LogError;
 use flate2::bufread::MultiGzDecoder;
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read as _};
 use std::path::Path;
 
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+/// A row of a dozen numbers is far shorter \[bytes\].
+const MAX_LINE: u64 = 1 << 16;
 
 /// Hands every row of a file to `take_row`, in the order of the file; all numbers are finite.
 ///
@@ -32,17 +34,22 @@ pub(super) fn read_rows(
     let (mut bytes, mut row) = (Vec::new(), Vec::new());
     loop {
         bytes.clear();
-        let read = text.read_until(b'\n', &mut bytes);
+        let read = text.by_ref().take(MAX_LINE + 1).read_until(b'\n', &mut bytes);
         match read.map_err(|source| LogError::Read { path: path.to_owned(), line, source })? {
             0 if rows == 0 => return Err(not_this_format("it holds no row of numbers".to_owned())),
             0 => return Ok(()),
             _ => line += 1,
         }
+        if bytes.len() as u64 > MAX_LINE {
+            let reason = format!("the line is longer than {MAX_LINE} bytes");
+            return Err(LogError::Line { path: path.to_owned(), line, reason });
+        }
         let words = String::from_utf8_lossy(&bytes);
+        let words = words.strip_prefix('\u{feff}').filter(|_| line == 1).unwrap_or(&words);
         if words.trim().is_empty() || words.trim_start().starts_with('#') {
             continue;
         }
-        parse_row(&words, &mut row).and_then(|()| take_row(&row)).map_err(|reason| match rows {
+        parse_row(words, &mut row).and_then(|()| take_row(&row)).map_err(|reason| match rows {
             0 => not_this_format(format!("line {line}: {reason}")),
             _ => LogError::Line { path: path.to_owned(), line, reason },
         })?;

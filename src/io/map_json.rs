@@ -21,6 +21,8 @@ use std::path::{Path, PathBuf};
 
 const FORMAT: &str = "ipslam map";
 const VERSION: u32 = 1;
+/// No coordinate is larger \[m\]: the Earth's circumference.
+const FARTHEST: f64 = 4.1e7;
 const FRAME: &str = "world: the robot's first pose is the origin, x ahead of it, y to its left";
 
 /// Why a map could not be read.
@@ -228,6 +230,9 @@ impl ClusterEntry {
         for (field, value) in numbers {
             if !value.is_finite() {
                 return Err(format!("{field} is {value}, which is no finite number"));
+            }
+            if value.abs() > FARTHEST && field != "count" && !field.starts_with("covariance") {
+                return Err(format!("{field} is {value:e}, and nothing on Earth is further than {FARTHEST:e} m"));
             }
             let signed = field.starts_with("mean") || field == "direction" || field == "covariance xy";
             if value < 0.0 && !signed {

@@ -4,16 +4,18 @@
 //! left corner in the world's frame, \[m\] and \[rad\]), `negate`, `occupied_thresh` and `free_thresh`, and `mode`. The
 //! picture's upper row is the grid's last.
 //!
-//! Read: PGM (`P5` and `P2`) and PNG, grey or colour, with or without transparency, in the modes `trinary` (also where
+//! Read: PGM (`P5` and `P2`), PNG and BMP, grey or colour, with or without transparency, in the modes `trinary` (also where
 //! none is given), `scale` and `raw`, by the rules of Nav2's map_server. What the modes `scale` and `raw` tell of a cell
-//! that is neither free nor occupied is not kept: the cell is unknown. Written: `trinary`, `P5`, occupied 0, free 254,
+//! that is neither free nor occupied is not kept: the cell is unknown. A pixel of 205 is unknown in the mode `trinary` whatever
+//! the thresholds are: Nav2's map saver writes unknown cells so, and a `free_thresh` that would call them free. Written: `trinary`, `P5`, occupied 0, free 254,
 //! unknown 205, which map_server reads as what they were.
 
 use super::{WriteError, write_whole};
 use crate::geometry::Pose;
 use crate::grid::{Cell, GridError, MOST_CELLS, OccupancyGrid};
 use image::{DynamicImage, GenericImageView as _, ImageDecoder, ImageFormat, ImageReader};
-use serde::Deserialize;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
 use std::fs::File;
 use std::io::{BufReader, Read as _};
 use std::path::{Path, PathBuf};
@@ -22,6 +24,8 @@ use std::path::{Path, PathBuf};
 const THRESHOLDS: [f64; 2] = [0.65, 0.196];
 /// Longer YAML files are none of these \[bytes\].
 const MOST_YAML: u64 = 1 << 20;
+/// No coordinate is larger \[m\]: the Earth's circumference.
+const FARTHEST: f64 = 4.1e7;
 const OCCUPIED: u8 = 0;
 const FREE: u8 = 254;
 const UNKNOWN: u8 = 205;
@@ -50,7 +54,7 @@ pub enum MapServerError {
         reason: String,
     },
     /// The picture cannot be understood.
-    #[error("{path}: this picture cannot be read: {reason}; give a PGM (P5, P2) or PNG")]
+    #[error("{path}: this picture cannot be read: {reason}; give a PGM (P5, P2), PNG or BMP")]
     Image {
         /// The picture.
         path: PathBuf,
@@ -71,6 +75,7 @@ pub enum MapServerError {
 struct Description {
     image: PathBuf,
     resolution: f64,
+    #[serde(deserialize_with = "origin")]
     origin: [f64; 3],
     #[serde(default)]
     negate: Flag,
@@ -80,6 +85,23 @@ struct Description {
     free_thresh: f64,
     #[serde(default)]
     mode: Mode,
+}
+
+/// Numbers as words: old map savers wrote `nan`, which is none of YAML.
+fn origin<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 3], D::Error> {
+    let number = |word: &String| {
+        let word = word.trim();
+        let plain = word.strip_prefix('.').filter(|rest| rest.starts_with(char::is_alphabetic)).unwrap_or(word);
+        let negative = word.strip_prefix("-.").filter(|rest| rest.starts_with(char::is_alphabetic)).is_some();
+        if negative { Ok(f64::NEG_INFINITY) } else { plain.parse() }
+    };
+    let words = <[String; 3]>::deserialize(deserializer)?;
+    let mut origin = [0.0; 3];
+    for (place, word) in origin.iter_mut().zip(&words) {
+        let wrong = |_| D::Error::custom(format!("origin holds `{word:.20}`, which is no number"));
+        *place = number(word).map_err(wrong)?;
+    }
+    Ok(origin)
 }
 
 fn occupied_thresh() -> f64 {
@@ -117,17 +139,40 @@ enum Mode {
 ///
 /// # Errors
 /// A file cannot be opened or understood, or a value of it cannot be; the message names file and key.
-pub fn read(path: &Path) -> Result<OccupancyGrid, MapServerError> {
-    let description = Description::read(path)?;
+pub fn read(path: &Path) -> Result<ReadGrid, MapServerError> {
+    let (description, mut warnings) = Description::read(path)?;
     // A path that is absolute stays what it is.
-    let picture = path.with_file_name(&description.image);
+    let mut picture = path.with_file_name(&description.image);
+    if let (true, false, Some(name)) =
+        (description.image.is_absolute(), picture.exists(), description.image.file_name())
+    {
+        picture = path.with_file_name(name);
+        warnings.push(format!("{} is not there; {} was read", description.image.display(), picture.display()));
+    }
     let pixels = Pixels::read(&picture)?;
+    if matches!(description.mode, Mode::Trinary) && pixels.hold_occupancies() {
+        warnings.push(format!(
+            "{}: its grey values are 0, 100 and 255, as of occupancies in percent; are they, then `mode: raw` is missing in {}",
+            picture.display(),
+            path.display()
+        ));
+    }
     let (width, height) = pixels.image.dimensions();
     let cell = |(x, y)| description.cell(pixels.at(x, y), pixels.has_alpha);
     let cells = (0..height).rev().flat_map(|y| (0..width).map(move |x| (x, y))).map(cell).collect();
     let [x, y, yaw] = description.origin;
-    OccupancyGrid::new(description.resolution, Pose::new(x, y, yaw), width, height, cells)
-        .map_err(|source| MapServerError::Grid { path: path.to_owned(), source })
+    let grid = OccupancyGrid::new(description.resolution, Pose::new(x, y, yaw), width, height, cells)
+        .map_err(|source| MapServerError::Grid { path: path.to_owned(), source })?;
+    Ok(ReadGrid { grid, warnings })
+}
+
+/// A grid, and what was odd about its files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadGrid {
+    /// The grid.
+    pub grid: OccupancyGrid,
+    /// What was taken to be otherwise than it is written, and what may be meant otherwise.
+    pub warnings: Vec<String>,
 }
 
 /// Writes a grid: the YAML file `path`, and beside it the picture, of the same name but for `.pgm`.
@@ -164,7 +209,8 @@ fn shade(cell: Cell) -> u8 {
 }
 
 impl Description {
-    fn read(path: &Path) -> Result<Self, MapServerError> {
+    /// The description, and warnings.
+    fn read(path: &Path) -> Result<(Self, Vec<String>), MapServerError> {
         let unreadable = |source| MapServerError::Read { path: path.to_owned(), source };
         let mut text = Vec::new();
         File::open(path).and_then(|file| file.take(MOST_YAML + 1).read_to_end(&mut text)).map_err(unreadable)?;
@@ -173,10 +219,18 @@ impl Description {
             return Err(wrong(format!("it has more than {MOST_YAML} bytes")));
         }
         let options = serde_saphyr::options! { with_snippet: false };
-        let description: Self =
+        let mut description: Self =
             serde_saphyr::from_slice_with_options(&text, options).map_err(|error| wrong(error.to_string()))?;
+        let mut warnings = Vec::new();
+        if description.origin[2].is_nan() {
+            warnings.push(format!(
+                "{}: the yaw of its origin is no number, as old map savers wrote it: 0 is meant",
+                path.display()
+            ));
+            description.origin[2] = 0.0;
+        }
         description.check().map_err(wrong)?;
-        Ok(description)
+        Ok((description, warnings))
     }
 
     fn check(&self) -> Result<(), String> {
@@ -189,6 +243,9 @@ impl Description {
         }
         if let Some(number) = self.origin.iter().find(|number| !number.is_finite()) {
             return Err(format!("origin holds {number}, which is no finite number"));
+        }
+        if let Some(number) = self.origin.iter().find(|number| number.abs() > FARTHEST) {
+            return Err(format!("origin holds {number:e}, and nothing on Earth is further than {FARTHEST:e} m"));
         }
         Ok(())
     }
@@ -213,6 +270,10 @@ impl Description {
                 _ => return Cell::Unknown,
             },
         };
+        // Nav2's saver writes unknown cells as 205 and a threshold that calls them free.
+        if matches!(self.mode, Mode::Trinary) && !negate && (shade * 255.0).round() == f64::from(UNKNOWN) {
+            return Cell::Unknown;
+        }
         // A raw map is made with these thresholds included, others are read with them excluded.
         let raw = matches!(self.mode, Mode::Raw);
         if occupancy > self.occupied_thresh || raw && occupancy == self.occupied_thresh {
@@ -240,7 +301,7 @@ impl Pixels {
     }
 
     fn decode(reader: ImageReader<BufReader<File>>) -> Result<Self, String> {
-        if !matches!(reader.format(), Some(ImageFormat::Pnm | ImageFormat::Png)) {
+        if !matches!(reader.format(), Some(ImageFormat::Pnm | ImageFormat::Png | ImageFormat::Bmp)) {
             return Err("it is something else".to_owned());
         }
         let decoder = reader.into_decoder().map_err(|error| error.to_string())?;
@@ -254,6 +315,15 @@ impl Pixels {
             other => DynamicImage::ImageRgba8(other.into_rgba8()),
         };
         Ok(Self { image, has_alpha })
+    }
+
+    /// Whether its values are those of free, occupied and unknown cells where occupancies are written as grey values.
+    fn hold_occupancies(&self) -> bool {
+        let grey = self.image.to_luma8();
+        let mut seen = [false; 256];
+        grey.pixels().for_each(|pixel| seen[usize::from(pixel.0[0])] = true);
+        let others = (0..256).any(|value| seen[value] && ![0, 100, 255].contains(&value));
+        seen[100] && !others
     }
 
     /// Red, green, blue and opacity, from 0 to 1.
@@ -276,7 +346,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("map.yaml"), yaml).unwrap();
         std::fs::write(folder.path().join(name), picture).unwrap();
-        read(&folder.path().join("map.yaml"))
+        read(&folder.path().join("map.yaml")).map(|read| read.grid)
     }
 
     fn png(image: impl Into<DynamicImage>) -> Vec<u8> {
@@ -309,7 +379,7 @@ mod tests {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("a \"map\" of: ours.yaml");
             write(&path, &grid).unwrap();
-            prop_assert_eq!(read(&path).unwrap(), grid);
+            prop_assert_eq!(read(&path).unwrap().grid, grid);
         }
     }
 
@@ -395,5 +465,42 @@ mod tests {
             let error = read_files(YAML, "map.pgm", picture).unwrap_err().to_string();
             assert!(error.contains(reason) && error.contains("map.pgm"), "{error:?} says {reason:?}");
         }
+    }
+
+    /// Nav2's saver: unknown cells as 205, and `free_thresh: 0.25`.
+    #[test]
+    fn what_nav2_saved_as_unknown_is_unknown() {
+        let picture = b"P5\n4 1\n255\n\x00\xcd\xfe\xc0";
+        let yaml = YAML.replace("free_thresh: 0.196", "free_thresh: 0.25");
+        assert_eq!(letters(&read_files(&yaml, "map.pgm", picture).unwrap()), "#?..");
+    }
+
+    #[test]
+    fn what_is_odd_is_read_with_a_warning() {
+        let folder = tempfile::tempdir().unwrap();
+        let yaml = folder.path().join("map.yaml");
+        let read_with = |text: &str, name: &str, picture: &[u8]| {
+            std::fs::write(&yaml, text).unwrap();
+            std::fs::write(folder.path().join(name), picture).unwrap();
+            read(&yaml).unwrap()
+        };
+        let picture = b"P5\n2 1\n255\n\x00\xfe";
+        let plain = read_with(YAML, "map.pgm", picture);
+        assert_eq!((letters(&plain.grid).as_str(), plain.warnings.len()), ("#.", 0));
+        let elsewhere = read_with(&YAML.replace("map.pgm", "/no/such/folder/map.pgm"), "map.pgm", picture);
+        assert_eq!(elsewhere.grid, plain.grid);
+        assert!(elsewhere.warnings[0].contains("/no/such/folder/map.pgm is not there"), "{:?}", elsewhere.warnings);
+        for nan in ["nan", ".nan"] {
+            let found = read_with(&YAML.replace("0.5]", &format!("{nan}]")), "map.pgm", picture);
+            assert_eq!(found.grid.world_from_grid(), Pose::new(1.0, -2.0, 0.0));
+            assert!(found.warnings[0].contains("yaw"), "{:?}", found.warnings);
+        }
+        let percent = read_with(YAML, "map.pgm", b"P5\n3 1\n255\n\x00\x64\xff");
+        assert!(percent.warnings[0].contains("mode: raw"), "{:?}", percent.warnings);
+        let mut bmp = std::io::Cursor::new(Vec::new());
+        GrayImage::from_raw(2, 1, vec![0, 254]).unwrap().write_to(&mut bmp, ImageFormat::Bmp).unwrap();
+        assert_eq!(read_with(&YAML.replace("map.pgm", "map.bmp"), "map.bmp", &bmp.into_inner()).grid, plain.grid);
+        let far = read_files(&YAML.replace("1.0,", "1e308,"), "map.pgm", picture).unwrap_err().to_string();
+        assert!(far.contains("origin holds 1e308"), "{far}");
     }
 }

@@ -81,6 +81,9 @@ impl Default for SlamConfig {
 /// Largest number of pose particles that is accepted; ten million take about a gigabyte.
 const MAX_PARTICLES: usize = 10_000_000;
 
+/// Largest number of maps that is accepted; each takes about ten kilobytes, so that these take a gigabyte.
+const MAX_MAPS: usize = 100_000;
+
 impl SlamConfig {
     /// Table I to the letter, with the paper's numbers where it gives any.
     pub fn paper() -> Self {
@@ -146,6 +149,9 @@ impl SlamConfig {
         if !(1..=MAX_PARTICLES).contains(&particles) {
             let expected = format!("1 to {MAX_PARTICLES}");
             return Err(ConfigError::value("particles (option --particles)", particles, expected));
+        }
+        if maps > MAX_MAPS {
+            return Err(ConfigError::value("maps (option --maps)", maps, format!("1 to {MAX_MAPS}")));
         }
         if !(1..=particles).contains(&maps) {
             let expected = format!("1 to the number of particles, which is {particles}");
@@ -247,6 +253,7 @@ mod tests {
             ("particles = 20000000\nmaps = 1", "is 20000000, but has to be 1 to"),
             ("maps = 0", "maps (option --maps) is 0, but has to be 1 to the number of particles, which is 256"),
             ("maps = 257", "maps (option --maps) is 257"),
+            ("particles = 10000000\nmaps = 10000000", "maps (option --maps) is 10000000, but has to be 1 to 100000"),
             ("particles = 10\nmaps = 4", "multiple of the number of maps, which is 4: 8 or 12"),
             ("[filter]\ntemper = nan", "filter.temper is NaN, but has to be 0.000001 to 1000"),
             ("[likelihood]\nmax_points = 0", "likelihood.max_points is 0, but has to be 1 or more"),

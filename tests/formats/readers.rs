@@ -90,7 +90,7 @@ print(json.dumps({'resolution': told['resolution'], 'origin': told['origin'], 'r
 ";
     let python = python();
     let path = output("map.yaml");
-    let (ours, read) = (map_server::read(&path).unwrap(), read_by(&python, SCRIPT, &[&path, &output("map.pgm")]));
+    let (ours, read) = (map_server::read(&path).unwrap().grid, read_by(&python, SCRIPT, &[&path, &output("map.pgm")]));
     let corner = ours.world_from_grid();
     assert_eq!(read["resolution"], 0.05);
     assert_eq!(read["origin"], serde_json::json!([corner.x, corner.y, corner.heading]));

@@ -49,6 +49,9 @@ pub use write::CarmenWriter;
 /// A file without a CARMEN message in so many lines that are neither blank nor comments is no CARMEN log.
 const LINES_TO_RECOGNISE: u64 = 1000;
 
+/// Editors on Windows put it before a text.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
 const EXPECTED: &str = "a CARMEN log is needed: text, plain or gzip, one message a line (FLASER, RLASER, ROBOTLASER1, \
                         RAWLASER1, ODOM, ...), or a bag of ROS 2 (MCAP); give such a file or convert this one";
 
@@ -56,12 +59,20 @@ const EXPECTED: &str = "a CARMEN log is needed: text, plain or gzip, one message
 #[derive(Clone, Debug)]
 pub struct CarmenLog {
     path: PathBuf,
+    field_of_view: Option<f64>,
 }
 
 impl CarmenLog {
     /// The log in this file; nothing is opened yet.
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into() }
+        Self { path: path.into(), field_of_view: None }
+    }
+}
+
+impl CarmenLog {
+    /// The same log, in which sweeps that hold only ranges are spread over this angle \[rad\], the middle one ahead.
+    pub fn with_field_of_view(self, field_of_view: f64) -> Self {
+        Self { field_of_view: Some(field_of_view), ..self }
     }
 }
 
@@ -80,6 +91,7 @@ impl LogSource for CarmenLog {
             return Err(failed(std::io::Error::new(ErrorKind::IsADirectory, "a folder; name a log file inside it")));
         }
         let mut reader = CarmenReader::from_reader(&self.path, file)?;
+        reader.field_of_view = self.field_of_view;
         reader.length = metadata.is_file().then_some(metadata.len());
         Ok(Box::new(reader))
     }
@@ -90,6 +102,10 @@ impl LogSource for CarmenLog {
 struct Mounting {
     robot_from_laser: Pose,
     max_range: f64,
+    /// \[rad\].
+    field_of_view: Option<f64>,
+    /// \[rad\].
+    angle_step: Option<f64>,
 }
 
 /// The entries of a CARMEN log.
@@ -104,6 +120,8 @@ pub struct CarmenReader {
     recognised: bool,
     unrecognised_lines: u64,
     mountings: [Mounting; LASERS],
+    /// As the user tells it \[rad\].
+    field_of_view: Option<f64>,
     /// Lasers whose sweeps came with poses.
     posed: [bool; LASERS],
     odom_from_robot: Option<Pose>,
@@ -122,7 +140,12 @@ impl CarmenReader {
             Ok(input) => input,
             Err(source) => return Err(LogError::Read { path, line: 0, source }),
         };
-        let forward = Mounting { robot_from_laser: Pose::IDENTITY, max_range: f64::INFINITY };
+        let forward = Mounting {
+            robot_from_laser: Pose::IDENTITY,
+            max_range: f64::INFINITY,
+            field_of_view: None,
+            angle_step: None,
+        };
         let backward = Mounting { robot_from_laser: Pose::new(0.0, 0.0, PI), ..forward };
         Ok(Self {
             path,
@@ -132,6 +155,7 @@ impl CarmenReader {
             recognised: false,
             unrecognised_lines: 0,
             mountings: [forward, backward, forward, forward],
+            field_of_view: None,
             posed: [false; LASERS],
             odom_from_robot: None,
             last_stamp: f64::NEG_INFINITY,
@@ -158,7 +182,8 @@ impl CarmenReader {
                 }
                 Line::Whole => {
                     self.stats.lines += 1;
-                    let text = line.trim_ascii();
+                    let text = line.strip_prefix(BYTE_ORDER_MARK).filter(|_| self.stats.lines == 1).unwrap_or(&line);
+                    let text = text.trim_ascii();
                     if text.is_empty() || text.starts_with(b"#") {
                         continue;
                     }
@@ -239,15 +264,34 @@ impl CarmenReader {
         } else if self.odom_from_robot.is_none() {
             self.stats.laser_without_odometry += 1;
         }
+        let (first_angle, angle_step) = sweep.angles.unwrap_or_else(|| self.angles(mounting, sweep.ranges.len()));
         Ok(Some(LaserReading {
             stamp: sweep.stamp,
             odom_from_robot,
             robot_from_laser,
-            first_angle: sweep.first_angle,
-            angle_step: sweep.angle_step,
+            first_angle,
+            angle_step,
             max_range: sweep.max_range.unwrap_or(mounting.max_range),
             ranges: sweep.ranges,
         }))
+    }
+
+    /// The angles of a sweep whose message holds only ranges: as the user or the log tells, or as lasers of so many beams
+    /// have them.
+    fn angles(&mut self, mounting: Mounting, beams: usize) -> (f64, f64) {
+        let implied = implied_angles(beams);
+        match self.field_of_view.or(mounting.field_of_view) {
+            Some(field_of_view) => {
+                let told = parse::angles_of(beams, field_of_view, mounting.angle_step);
+                // The log's own digits of π are no reason to turn the beams.
+                let is_implied = (told.0 - implied.0).abs() < 1e-4 && (told.1 - implied.1).abs() < 1e-6;
+                if is_implied { implied } else { told }
+            }
+            None => {
+                self.stats.guessed_angles += u64::from(!parse::is_known_laser(beams));
+                implied
+            }
+        }
     }
 
     fn set(&mut self, param: Param) {
@@ -257,6 +301,8 @@ impl CarmenReader {
             Setting::Left => mounting.robot_from_laser.y = param.value,
             Setting::Heading => mounting.robot_from_laser.heading = param.value,
             Setting::MaxRange => mounting.max_range = parse::known_range(param.value),
+            Setting::FieldOfView => mounting.field_of_view = Some(param.value).filter(|&field| field > 0.0),
+            Setting::AngleStep => mounting.angle_step = Some(param.value.to_radians()).filter(|&step| step > 0.0),
         }
     }
 }

@@ -48,8 +48,8 @@ pub(super) struct Sweep {
     pub(super) stamp: f64,
     /// `None` in raw messages.
     pub(super) poses: Option<SweepPoses>,
-    pub(super) first_angle: f64,
-    pub(super) angle_step: f64,
+    /// Angle of the first beam and from one to the next; `None` in messages that have only ranges.
+    pub(super) angles: Option<(f64, f64)>,
     /// `None` in messages that have no such field.
     pub(super) max_range: Option<f64>,
     pub(super) ranges: Vec<f64>,
@@ -70,16 +70,23 @@ pub(super) struct Param {
     pub(super) value: f64,
 }
 
-/// What a parameter sets: mounting in the robot's frame \[m\], \[rad\], or maximum range \[m\].
+/// What a parameter sets: mounting in the robot's frame \[m\], \[rad\], maximum range \[m\], field of view \[rad\].
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Setting {
     Forward,
     Left,
     Heading,
     MaxRange,
+    FieldOfView,
+    /// In degrees, alone of all.
+    AngleStep,
 }
 
-const PARAMS: [(&[u8], usize, Setting); 8] = [
+const PARAMS: [(&[u8], usize, Setting); 12] = [
+    (b"laser_front_laser_fov", FRONT, Setting::FieldOfView),
+    (b"laser_front_laser_resolution", FRONT, Setting::AngleStep),
+    (b"laser_rear_laser_fov", REAR, Setting::FieldOfView),
+    (b"laser_rear_laser_resolution", REAR, Setting::AngleStep),
     (b"robot_frontlaser_offset", FRONT, Setting::Forward),
     (b"robot_frontlaser_side_offset", FRONT, Setting::Left),
     (b"robot_frontlaser_angular_offset", FRONT, Setting::Heading),
@@ -112,6 +119,26 @@ pub fn implied_angles(beams: usize) -> (f64, f64) {
         _ => (-90.0, 180.0 / beams.saturating_sub(1).max(1) as f64),
     };
     (f64::to_radians(first), f64::to_radians(step))
+}
+
+/// Whether [`implied_angles`] knows a laser of so many beams, or guesses.
+pub(super) fn is_known_laser(beams: usize) -> bool {
+    matches!(beams, 180 | 181 | 360 | 361 | 400 | 401 | 540 | 541 | 682 | 683 | 769)
+}
+
+/// Angle of the first beam and from one beam to the next \[rad\], of a laser whose field of view \[rad\] is known. A step that
+/// is known as well tells whether the last beam is at the end of the field or a step before it, where the field is a circle.
+pub(super) fn angles_of(beams: usize, field_of_view: f64, step: Option<f64>) -> (f64, f64) {
+    let between = beams.saturating_sub(1).max(1) as f64;
+    let spread = field_of_view / between;
+    let closed = field_of_view / beams as f64;
+    let goes_round = field_of_view > std::f64::consts::TAU - 1e-3;
+    let step = match step {
+        Some(step) if (step - closed).abs() < (step - spread).abs() => closed,
+        None if goes_round => closed,
+        _ => spread,
+    };
+    (-0.5 * field_of_view, step)
 }
 
 /// A maximum range as [`crate::log::LaserReading`] has it: infinite where the log's number tells nothing.
@@ -218,9 +245,8 @@ fn old_laser(laser: usize, mut fields: Fields<'_>) -> Result<Message<'_>, String
     fields.must_be(beams.saturating_add(2 * POSE + TAIL))?;
     let ranges = fields.numbers(beams, "a range")?;
     let poses = Some(fields.poses()?);
-    let (first_angle, angle_step) = implied_angles(beams);
     let stamp = fields.tail()?;
-    Ok(Message::Sweep(Sweep { laser, stamp, poses, first_angle, angle_step, max_range: None, ranges }))
+    Ok(Message::Sweep(Sweep { laser, stamp, poses, angles: None, max_range: None, ranges }))
 }
 
 /// `RAWLASER1 laser_type start_angle field_of_view angular_resolution maximum_range accuracy remission_mode
@@ -257,7 +283,8 @@ fn laser_with_angles(laser: usize, with_poses: bool, mut fields: Fields<'_>) -> 
         }
     }
     let stamp = fields.tail()?;
-    Ok(Message::Sweep(Sweep { laser, stamp, poses, first_angle, angle_step, max_range, ranges }))
+    let angles = Some((first_angle, angle_step));
+    Ok(Message::Sweep(Sweep { laser, stamp, poses, angles, max_range, ranges }))
 }
 
 /// The words of a line that were not read yet.
@@ -283,6 +310,12 @@ impl<'a> Fields<'a> {
     fn must_be(&self, expected: usize) -> Result<(), String> {
         match self.left() {
             left if left == expected => Ok(()),
+            left if left + TAIL == expected => Err(format!(
+                "{expected} fields should follow, {left} do: ipc_timestamp, ipc_hostname and logger_timestamp may be missing"
+            )),
+            left if left + 1 == expected => {
+                Err(format!("{expected} fields should follow, {left} do: the ipc_hostname may be empty"))
+            }
             left => Err(format!("{expected} fields should follow, {left} do")),
         }
     }

@@ -17,6 +17,11 @@ pub(in crate::io) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 /// Longer records are not kept, and larger chunks not unpacked \[bytes\]; ROS 2 writes chunks of less than 1 MB.
 const MAX_RECORD: u64 = 256 << 20;
 
+/// Sensor data shrink by less than this, and what claims more is damage.
+const MAX_RATIO: u64 = 1000;
+/// A chunk of a few messages that are all alike may shrink by more \[bytes\].
+const ROOM: u64 = 1 << 20;
+
 const SCHEMA: u8 = 0x03;
 const CHANNEL: u8 = 0x04;
 const MESSAGE: u8 = 0x05;
@@ -256,8 +261,9 @@ fn unpack(body: &[u8]) -> Result<Vec<u8>, String> {
         Some((size, crc, compression, fields.bytes(packed_size)?))
     });
     let Some((size, crc, compression, packed)) = header else { return Err("it is shorter than its fields".to_owned()) };
-    if size > MAX_RECORD {
-        return Err(format!("unpacked it would have {size} bytes, more than {MAX_RECORD}"));
+    let most = MAX_RECORD.min(ROOM + MAX_RATIO * packed.len() as u64);
+    if size > most {
+        return Err(format!("unpacked it would have {size} bytes, more than {most} of {} packed ones", packed.len()));
     }
     let mut records = Vec::new();
     let unpacked = match &*compression {
