@@ -68,6 +68,9 @@ pub struct LogStats {
     /// Laser readings of a bag that does not tell where the laser is mounted; it is taken to be at the robot's origin
     /// and to look forward.
     pub laser_without_mounting: u64,
+    /// Scans and odometry of a bag are stamped by clocks that differ by so much \[s\]; the times at which the bag's writer
+    /// received them counted in place of the stamps.
+    pub clocks_differ: Option<f64>,
     /// Laser readings that do not tell the angles of their beams, of a laser that is not known by their number: 180° were
     /// assumed.
     pub guessed_angles: u64,

@@ -17,6 +17,7 @@ use crate::evaluator::tiles::tiles;
 use crate::geometry::Pose;
 use crate::likelihood::{ClusterParams, LikelihoodConfig};
 use crate::log::{LogEntry, LogError, LogSource, readings};
+use crate::map::MapCluster;
 use crate::map::matching::MatchingConfig;
 use crate::map::merging::{MergingConfig, consolidated};
 use crate::parameters::parameters;
@@ -31,8 +32,8 @@ parameters! {
     pub struct SmoothingConfig {
         /// Passes over the log; 0 leaves the filter's result as it is, as in the paper.
         passes: usize = 3, in 0.0..=f64::INFINITY;
-        /// The map is the smallest set of clusters that explains this share of what all clusters explain; the rest is
-        /// clutter, seen in passing.
+        /// The map is the smallest set of clusters that explains this share of what all clusters explain, and what 20 scans or
+        /// more saw; the rest is clutter, seen in passing.
         keep_explained: f64 = 0.95, in 0.0..=1.0;
         /// The map has at most this many clusters, those that explain most: where there is much clutter.
         max_clusters: usize = 300, in 0.0..=f64::INFINITY;
@@ -60,6 +61,10 @@ pub struct Smoother {
 const POSITION_SIGMA: f64 = 0.03;
 /// How far a pass is expected to turn a scan \[rad\]: as far as moves a wall 3 m off by as much.
 const HEADING_SIGMA: f64 = 0.01;
+/// What so many scans saw is a wall, though it explains little: a robot takes two metres of way for them, unless it stands.
+const MANY_SCANS: u32 = 20;
+/// A scan saw a cluster that explains at least this many of its points.
+const SEEN: f64 = 3.0;
 /// Scans matched at a time; they share nothing but the map.
 const BATCH: usize = 256;
 /// Gauss-Newton steps a scan and pass.
@@ -74,16 +79,16 @@ impl Smoother {
     pub fn smooth(&self, source: &dyn LogSource, result: &mut RunResult) -> Result<(), LogError> {
         for pass in 1..=self.smoothing.passes {
             let support = match_scans(source, result, self)?;
-            refit(&mut result.map.clusters, &support, self, pass == self.smoothing.passes);
+            result.map.clusters = refit(&support, self, pass == self.smoothing.passes);
         }
         Ok(())
     }
 }
 
 /// Moves every scan to where the map wants it, and gathers what each cluster then explains.
-fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Smoother) -> Result<Vec<Moments>, LogError> {
+fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Smoother) -> Result<Vec<Support>, LogError> {
     let before: Vec<Pose> = result.poses.iter().map(|estimate| estimate.world_from_robot.unwrap_or_default()).collect();
-    let mut support = vec![Moments::default(); result.map.clusters.len()];
+    let mut support = vec![Support::default(); result.map.clusters.len()];
     let mut is_laser = vec![false; before.len()];
     let mut batch: Vec<(usize, Scan)> = Vec::with_capacity(BATCH);
     let mut place = |batch: &mut Vec<(usize, Scan)>, result: &mut RunResult| {
@@ -93,7 +98,7 @@ fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Smoother
         for ((index, _), placed) in batch.drain(..).zip(placed) {
             result.poses[index].world_from_robot = Some(placed.world_from_robot);
             is_laser[index] = true;
-            placed.explained.into_iter().for_each(|(cluster, point)| support[cluster].add(point, 1.0));
+            placed.explained.into_iter().for_each(|(cluster, point)| support[cluster].add(index, point));
         }
     };
     for reading in readings(source)?.take(before.len()) {
@@ -117,6 +122,25 @@ fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Smoother
         }
     }
     Ok(support)
+}
+
+/// What a cluster explains.
+#[derive(Clone, Copy, Debug, Default)]
+struct Support {
+    moments: Moments,
+    /// Scans that saw it.
+    scans: u32,
+    /// The last reading that had a point of it, and its points of that.
+    last: Option<(usize, f64)>,
+}
+
+impl Support {
+    fn add(&mut self, reading: usize, point: Point2<f64>) {
+        self.moments.add(point, 1.0);
+        let before = self.last.filter(|last| last.0 == reading).map_or(0.0, |last| last.1);
+        self.scans += u32::from(before + 1.0 == SEEN);
+        self.last = Some((reading, before + 1.0));
+    }
 }
 
 /// A scan in its place: which point of the world belongs to which cluster of the map.
@@ -149,26 +173,36 @@ fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Smoother) -> P
 }
 
 /// Fits every cluster to what it explains, joins those that have come to be one wall, and in the end drops clutter.
-fn refit(map: &mut Vec<Cluster>, support: &[Moments], config: &Smoother, last: bool) {
-    let fitted: Vec<Cluster> = support.iter().filter_map(Moments::fit).collect();
-    *map = if config.ablation.consolidate { consolidated(&fitted, &config.matching, &config.merging) } else { fitted };
-    if last {
-        drop_clutter(map, config.smoothing.keep_explained, config.smoothing.max_clusters);
+fn refit(support: &[Support], config: &Smoother, is_last: bool) -> Vec<Cluster> {
+    let fit = |support: &Support| {
+        let cluster = support.moments.fit()?;
+        Some(MapCluster { cluster, last_step: 0, sightings: support.scans })
+    };
+    let mut map: Vec<MapCluster> = support.iter().filter_map(fit).collect();
+    if config.ablation.consolidate {
+        map = consolidated(&map, &config.matching, &config.merging);
     }
+    if is_last {
+        drop_clutter(&mut map, config.smoothing.keep_explained, config.smoothing.max_clusters);
+    }
+    map.iter().map(|entry| entry.cluster).collect()
 }
 
-/// Keeps the fewest clusters that explain this share of the points that all explain, `most` at most. The order stays.
-fn drop_clutter(map: &mut Vec<Cluster>, share: f64, most: usize) {
+/// Keeps the fewest clusters that explain this share of the points that all explain, and what many scans saw; `most` at most,
+/// those that explain most. The order stays.
+fn drop_clutter(map: &mut Vec<MapCluster>, share: f64, most: usize) {
     let mut by_count: Vec<usize> = (0..map.len()).collect();
-    by_count.sort_by(|&a, &b| map[b].count.total_cmp(&map[a].count));
-    let mut left = share * map.iter().map(|cluster| cluster.count).sum::<f64>();
+    by_count.sort_by(|&a, &b| map[b].cluster.count.total_cmp(&map[a].cluster.count));
+    let mut left = share * map.iter().map(|entry| entry.cluster.count).sum::<f64>();
     let mut kept = vec![false; map.len()];
-    for index in by_count.into_iter().take(most) {
-        if left <= 0.0 {
+    let mut count = 0;
+    for index in by_count {
+        if count == most {
             break;
         }
-        kept[index] = true;
-        left -= map[index].count;
+        kept[index] = left > 0.0 || map[index].sightings >= MANY_SCANS;
+        count += usize::from(kept[index]);
+        left -= map[index].cluster.count;
     }
     let mut kept = kept.into_iter();
     map.retain(|_| kept.next().unwrap_or(false));
@@ -181,24 +215,29 @@ mod tests {
 
     #[test]
     fn clutter_is_what_explains_least() {
-        let cluster = |count: f64| Cluster {
-            mean: Point2::origin(),
-            direction: Vector2::x(),
-            along_variance: 1.0,
-            across_variance: 1e-4,
-            count,
+        let cluster = |(count, sightings): (f64, u32)| MapCluster {
+            cluster: Cluster {
+                mean: Point2::origin(),
+                direction: Vector2::x(),
+                along_variance: 1.0,
+                across_variance: 1e-4,
+                count,
+            },
+            last_step: 0,
+            sightings,
         };
-        let map: Vec<Cluster> = [5.0, 60.0, 1.0, 30.0, 4.0].map(cluster).to_vec();
+        let map = [(5.0, 1), (60.0, 2), (1.0, 0), (30.0, 19), (4.0, 20)].map(cluster).to_vec();
         for (share, most, expected) in [
-            (0.9, 9, vec![60.0, 30.0]),
-            (0.91, 9, vec![5.0, 60.0, 30.0]),
+            (0.9, 9, vec![60.0, 30.0, 4.0]),
+            (0.91, 9, vec![5.0, 60.0, 30.0, 4.0]),
             (1.0, 9, vec![5.0, 60.0, 1.0, 30.0, 4.0]),
             (1.0, 1, vec![60.0]),
-            (0.0, 9, vec![]),
+            (0.9, 2, vec![60.0, 30.0]),
+            (0.0, 9, vec![4.0]),
         ] {
             let mut kept = map.clone();
             drop_clutter(&mut kept, share, most);
-            assert_eq!(kept.iter().map(|c| c.count).collect::<Vec<_>>(), expected, "{share} {most}");
+            assert_eq!(kept.iter().map(|c| c.cluster.count).collect::<Vec<_>>(), expected, "{share} {most}");
         }
         drop_clutter(&mut Vec::new(), 0.9, 9);
     }

@@ -80,10 +80,16 @@ impl Summary<'_> {
         warnings.extend(refused_odometry(&self.mapped.result));
         if stats.laser_without_mounting > 0 {
             warnings.push(
-                "the bag does not tell where the laser is mounted (no chain of transforms on /tf_static): it was taken to be \
+                "the bag does not tell where the laser is mounted (no chain of transforms that never change on /tf_static or /tf): it was taken to be \
                  at the robot's origin and to look forward"
                     .to_owned(),
             );
+        }
+        if let Some(seconds) = stats.clocks_differ {
+            warnings.push(format!(
+                "scans and odometry are stamped by clocks that differ by {seconds:.1} s, or one does not run: the times at \
+                 which the bag received them counted in place of the stamps"
+            ));
         }
         if stats.guessed_angles > 0 {
             warnings.push(format!(

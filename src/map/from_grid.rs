@@ -1,5 +1,6 @@
 //! The walls of a grid as line clusters.
 
+use super::MapCluster;
 use super::matching::MatchingConfig;
 use super::merging::{MergingConfig, consolidated};
 use crate::clustering::{ClusteringConfig, cluster_points};
@@ -42,11 +43,15 @@ pub fn clusters_of_grid(grid: &OccupancyGrid, config: &ClusteringConfig) -> Vec<
         ..*config
     };
     let squares: Vec<Vec<Point2<f64>>> = squares.into_values().collect();
-    let pieces: Vec<Cluster> = squares.par_iter().flat_map(|points| cluster_points(points, &config).clusters).collect();
+    let pieces = squares.par_iter().flat_map(|points| cluster_points(points, &config).clusters);
+    let pieces: Vec<MapCluster> = pieces.map(|cluster| MapCluster { cluster, last_step: 0, sightings: 1 }).collect();
     let default = MergingConfig::default();
     let merging = MergingConfig { max_across: default.max_across.max(max_across), ..default };
     let least_across = (KNOWN_TO * grid.resolution()).powi(2);
-    let thick = |wall: Cluster| Cluster { across_variance: wall.across_variance.max(least_across), ..wall };
+    let thick = |MapCluster { cluster, .. }| Cluster {
+        across_variance: f64::max(cluster.across_variance, least_across),
+        ..cluster
+    };
     consolidated(&pieces, &MatchingConfig::default(), &merging).into_iter().map(thick).collect()
 }
 

@@ -122,17 +122,13 @@ enum State {
     Gone,
 }
 
-/// A map whose clusters that have come to overlap are one (many steps after [`merge_scan`] looked at them).
-pub fn consolidated(map: &[Cluster], matching: &MatchingConfig, config: &MergingConfig) -> Vec<Cluster> {
-    let mut entries: Vec<Entry> = map
-        .iter()
-        .map(|&cluster| {
-            let entry = MapCluster { cluster, last_step: 0, sightings: 0 };
-            Entry { slot: None, entry, state: State::Changed }
-        })
-        .collect();
+/// A map whose clusters that have come to overlap are one (many steps after [`merge_scan`] looked at them). The union of two
+/// was seen as often as the one of them that was seen more often.
+pub fn consolidated(map: &[MapCluster], matching: &MatchingConfig, config: &MergingConfig) -> Vec<MapCluster> {
+    let entry = |&entry: &MapCluster| Entry { slot: None, entry, state: State::Changed };
+    let mut entries: Vec<Entry> = map.iter().map(entry).collect();
     consolidate(&mut entries, matching, config);
-    entries.iter().filter(|e| e.state == State::Changed).map(|e| e.entry.cluster).collect()
+    entries.iter().filter(|e| e.state == State::Changed).map(|e| e.entry).collect()
 }
 
 /// Joins each changed cluster with what it has come to overlap, as long as the union is still a line.

@@ -146,7 +146,9 @@ fn consolidation_joins_what_is_one_wall() {
         (wall([1.0, -1.0], [1.0, 1.0], 0.01, 50.0), false, "a crossing wall"),
         (wall([2.5, 0.0], [4.0, 0.0], 0.01, 50.0), false, "a wall behind a gap"),
     ] {
-        let map = consolidated(&[half, other], &matching, &merging);
+        let entry = |cluster| MapCluster { cluster, last_step: 0, sightings: 3 };
+        let map = consolidated(&[entry(half), entry(other)], &matching, &merging);
+        let map: Vec<Cluster> = map.iter().map(|entry| entry.cluster).collect();
         if joined {
             let [union] = map[..] else { panic!("{what}: {map:?}") };
             let expected = merge(&half, &other, MergingMethod::Moments);

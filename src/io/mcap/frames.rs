@@ -30,6 +30,11 @@ impl Frames {
         }
     }
 
+    /// Adds what others tell; where a frame was told before, theirs counts.
+    pub(super) fn extend(&mut self, others: &Self) {
+        others.0.iter().for_each(|(child, (parent, transform))| self.insert(parent, child, *transform));
+    }
+
     /// The frame from which a frame hangs in the end, and where; `None` where frames hang in a circle.
     pub(super) fn root<'a>(&'a self, frame: &'a str) -> Option<(&'a str, Isometry3<f64>)> {
         let (mut root, mut root_from_frame) = (frame, Isometry3::identity());

@@ -20,8 +20,15 @@
 //! # Where a laser is mounted
 //! The static transforms between the robot's frame (`child_frame_id` of the odometry) and the laser's (`frame_id` of
 //! the scan), any number of them, seen from above. A laser upside down has its angles mirrored; one tilted by more than
-//! 20° is refused. Where the transforms do not join the two, the laser sits at the robot's origin, looks forward, and
-//! is counted in [`LogStats::laser_without_mounting`]. Transforms that a bag repeats count as told last.
+//! 20° is refused. Transforms on `/tf` that never change count as static ones do. Where the transforms do not join the two,
+//! the laser sits at the robot's origin, looks forward, and is counted in [`LogStats::laser_without_mounting`]. Lasers that
+//! take turns on one topic have each the mounting of its `frame_id`. Odometry that does not name its robot is of the frame
+//! from which the laser hangs.
+//!
+//! # Clocks
+//! Stamps of scans and odometry are compared with the times at which the bag's writer received the messages. Where the two
+//! clocks differ by more than 2 s, or the stamps of one never change, the times of receipt count in place of the stamps
+//! ([`LogStats::clocks_differ`]).
 //!
 //! # Odometry at a scan
 //! Between the messages before and after the stamp of the scan, position and heading change evenly; before the first
@@ -34,7 +41,7 @@
 use crate::geometry::{Pose, wrap_angle};
 use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use frames::Mounting;
-use messages::{LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
+use messages::{Header, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
 use records::{Channel, Next, Records};
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -112,7 +119,10 @@ impl LogSource for McapLog {
             drained: false,
             ended: false,
             last_stamp: f64::NEG_INFINITY,
-            stats: LogStats::default(),
+            stats: LogStats {
+                clocks_differ: self.plan.clocks_differ.map(|nanoseconds| nanoseconds as f64 / 1e9),
+                ..LogStats::default()
+            },
         }))
     }
 }
@@ -161,9 +171,9 @@ impl McapReader {
                 return self.broke_off.take().map_or(Ok(None), |source| Err(LogError::Read { path, line, source }));
             }
             match self.records.next() {
-                Ok(Next::Message { channel, data }) => {
+                Ok(Next::Message { channel, received, data }) => {
                     self.stats.lines += 1;
-                    if let Err(reason) = self.take(&channel, &data) {
+                    if let Err(reason) = self.take(&channel, received, &data) {
                         self.stats.add_malformed(&self.path, format!("{:.100}: {reason}", channel.topic));
                     }
                 }
@@ -178,29 +188,32 @@ impl McapReader {
     }
 
     /// Lets a message wait for its turn; `Err` tells why it is malformed.
-    fn take(&mut self, channel: &Channel, data: &[u8]) -> Result<(), String> {
+    fn take(&mut self, channel: &Channel, received: i64, data: &[u8]) -> Result<(), String> {
         let plan = Arc::clone(&self.plan);
+        let stamp_of = |header: &Header| if plan.clocks_differ.is_some() { Ok(received) } else { header.stamp() };
         match &plan.odometry {
             OdometrySource::Messages { topic } if *topic == channel.topic && channel.schema == ODOMETRY => {
                 let message: Odometry = messages::decode(data)?;
-                let (stamp, odom_from_robot) = (message.header.stamp()?, message.pose.pose()?);
+                let (stamp, odom_from_robot) = (stamp_of(&message.header)?, message.pose.pose()?);
                 self.odometry.push_back(StampedOdometry { stamp, odom_from_robot });
             }
-            OdometrySource::Transforms { odom, robot }
+            OdometrySource::Transforms { odom, robot, .. }
                 if channel.schema == TRANSFORMS && !is_static(&channel.topic) =>
             {
                 let message: Transforms = messages::decode(data)?;
                 for stamped in &message.transforms {
                     if stamped.header.frame() == odom && stamped.child_frame() == robot {
-                        let (stamp, odom_from_robot) = (stamped.header.stamp()?, stamped.transform.pose()?);
+                        let (stamp, odom_from_robot) = (stamp_of(&stamped.header)?, stamped.transform.pose()?);
                         self.odometry.push_back(StampedOdometry { stamp, odom_from_robot });
                     }
                 }
             }
             _ if channel.topic == plan.scan_topic && channel.schema == LASER_SCAN => {
                 let message: LaserScan = messages::decode(data)?;
-                let stamp = message.header.stamp()?;
-                self.scans.push_back((stamp, reading(stamp, &message, plan.mounting)?));
+                let stamp = stamp_of(&message.header)?;
+                let mounting = plan.mountings.get(message.header.frame()).copied().flatten();
+                self.stats.laser_without_mounting += u64::from(mounting.is_none());
+                self.scans.push_back((stamp, reading(stamp, &message, mounting)?));
             }
             _ if channel.schema == TRANSFORMS && is_static(&channel.topic) => {}
             _ => self.stats.add_skipped(&channel.topic),
@@ -223,7 +236,6 @@ impl McapReader {
         if scan_is_next {
             let (stamp, mut reading) = self.scans.pop_front()?;
             reading.odom_from_robot = self.odometry_at(stamp);
-            self.stats.laser_without_mounting += u64::from(self.plan.mounting.is_none());
             return Some(LogEntry::Laser(reading));
         }
         let odometry = self.odometry.pop_front()?;

@@ -43,6 +43,8 @@ pub(super) struct Channel {
 pub(super) enum Next {
     Message {
         channel: Arc<Channel>,
+        /// When whoever wrote the bag received it, by that computer's clock \[ns\].
+        received: i64,
         data: Vec<u8>,
     },
     /// Something that was left out, and why.
@@ -216,9 +218,11 @@ impl Records {
     /// `channel_id sequence log_time publish_time data`
     fn message(&self, mut fields: Fields<'_>) -> Option<Next> {
         let id = u16::from_le_bytes(fields.number()?);
-        fields.bytes(4 + 8 + 8)?;
+        fields.bytes(4)?;
+        let received = i64::try_from(u64::from_le_bytes(fields.number()?)).unwrap_or(i64::MAX);
+        fields.bytes(8)?;
         Some(match self.channels.get(&id) {
-            Some(channel) => Next::Message { channel: Arc::clone(channel), data: fields.0.to_vec() },
+            Some(channel) => Next::Message { channel: Arc::clone(channel), received, data: fields.0.to_vec() },
             None => Next::Damage(format!("a message of channel {id}, which the file does not declare")),
         })
     }
