@@ -37,6 +37,9 @@ pub struct LaserReading {
     pub odom_from_robot: Pose,
     /// Where the laser is mounted.
     pub robot_from_laser: Pose,
+    /// The motion of the robot during the sweep: its pose at the last beam, seen from that at the first, which is the reading's.
+    /// The identity where the sweep took no time, or nothing tells.
+    pub start_from_end: Pose,
     /// Angle of the first beam in the laser's frame \[rad\].
     pub first_angle: f64,
     /// Angle from one beam to the next \[rad\], positive counter-clockwise.

@@ -218,6 +218,7 @@ impl SimulationReader {
                 stamp,
                 odom_from_robot,
                 robot_from_laser: laser.robot_from_laser,
+                start_from_end: Pose::IDENTITY,
                 first_angle: laser.first_angle(),
                 angle_step: laser.angle_step(),
                 max_range: laser.max_range,

@@ -48,6 +48,7 @@ pub fn same(a: &LogEntry, b: &LogEntry, tolerance: f64, angle_tolerance: f64) ->
             a.stamp == b.stamp
                 && same_pose(a.odom_from_robot, b.odom_from_robot, tolerance)
                 && same_pose(a.robot_from_laser, b.robot_from_laser, tolerance)
+                && same_pose(a.start_from_end, b.start_from_end, tolerance)
                 && (a.first_angle - b.first_angle).abs() <= angle_tolerance
                 && (a.angle_step - b.angle_step).abs() <= angle_tolerance
                 && a.max_range == b.max_range

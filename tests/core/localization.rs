@@ -232,6 +232,7 @@ fn places_that_look_alike_are_kept_apart() {
             stamp: f64::from(step),
             odom_from_robot: robot,
             robot_from_laser: Pose::IDENTITY,
+            start_from_end: Pose::IDENTITY,
             first_angle: 0.0,
             angle_step: 1_f64.to_radians(),
             max_range: 30.0,

@@ -269,6 +269,7 @@ impl CarmenReader {
             stamp: sweep.stamp,
             odom_from_robot,
             robot_from_laser,
+            start_from_end: Pose::IDENTITY,
             first_angle,
             angle_step,
             max_range: sweep.max_range.unwrap_or(mounting.max_range),

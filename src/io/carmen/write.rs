@@ -62,8 +62,10 @@ impl<W: Write> CarmenWriter<W> {
     }
 
     fn laser(&mut self, reading: &LaserReading) -> io::Result<()> {
-        let LaserReading { stamp, odom_from_robot, robot_from_laser, first_angle, angle_step, max_range, ranges } =
-            reading;
+        // The format has no room for the motion during a sweep.
+        let LaserReading {
+            stamp, odom_from_robot, robot_from_laser, first_angle, angle_step, max_range, ranges, ..
+        } = reading;
         let odom_from_laser = *odom_from_robot * *robot_from_laser;
         let beams = ranges.len();
         check(stamp.is_finite() && odom_from_robot.is_finite() && odom_from_laser.is_finite())?;

@@ -37,7 +37,7 @@ pub(super) struct LaserScan {
     pub(super) angle_min: f32,
     _angle_max: f32,
     pub(super) angle_increment: f32,
-    _time_increment: f32,
+    pub(super) time_increment: f32,
     _scan_time: f32,
     pub(super) range_min: f32,
     pub(super) range_max: f32,

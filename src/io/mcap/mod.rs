@@ -35,6 +35,10 @@
 //! message and after the last they stand still. A bag without odometry has the robot at the identity. See
 //! [`LogStats::laser_without_odometry`].
 //!
+//! # Sweeps
+//! Where `time_increment` tells that a sweep took time, the robot moves during it at the speed of the odometry around it, and
+//! [`LaserReading::start_from_end`] says how far.
+//!
 //! # Ranges
 //! Ranges below `range_min` become NaN; `range_max` is the maximum range.
 
@@ -60,6 +64,8 @@ const MAX_WAITING_SCANS: usize = 256;
 const MAX_WAITING_ODOMETRY: usize = 1 << 14;
 /// No laser has more; bounds the memory of the scans that wait.
 const MAX_BEAMS: usize = 1 << 16;
+/// No laser takes longer for a sweep \[s\].
+const MAX_SWEEP: f64 = 1.0;
 /// Odometry further from a scan than this tells little about it \[ns\].
 const ODOMETRY_REACH: i64 = 1_000_000_000;
 
@@ -145,8 +151,8 @@ struct McapReader {
     records: Records,
     /// Odometry that was read and not handed out, in the order of the file.
     odometry: VecDeque<StampedOdometry>,
-    /// Scans that were read and not handed out, with their stamps \[ns\], without odometry.
-    scans: VecDeque<(i64, LaserReading)>,
+    /// Scans that were read and not handed out, with their stamps and how long they took \[ns\], without odometry.
+    scans: VecDeque<(i64, i64, LaserReading)>,
     /// The last odometry that was handed out.
     last_odometry: Option<StampedOdometry>,
     /// Why nothing more can be read.
@@ -213,7 +219,7 @@ impl McapReader {
                 let stamp = stamp_of(&message.header)?;
                 let mounting = plan.mountings.get(message.header.frame()).copied().flatten();
                 self.stats.laser_without_mounting += u64::from(mounting.is_none());
-                self.scans.push_back((stamp, reading(stamp, &message, mounting)?));
+                self.scans.push_back((stamp, duration(&message), reading(stamp, &message, mounting)?));
             }
             _ if channel.schema == TRANSFORMS && is_static(&channel.topic) => {}
             _ => self.stats.add_skipped(&channel.topic),
@@ -228,14 +234,15 @@ impl McapReader {
             || self.scans.len() > MAX_WAITING_SCANS
             || matches!(self.plan.odometry, OdometrySource::Nowhere);
         let scan_is_next = match (self.odometry.front(), self.scans.front()) {
-            (Some(odometry), Some((stamp, _))) => *stamp < odometry.stamp,
+            (Some(odometry), Some((stamp, ..))) => *stamp < odometry.stamp,
             (Some(_), None) if no_scan_comes => false,
             (None, Some(_)) if no_odometry_comes => true,
             _ => return None,
         };
         if scan_is_next {
-            let (stamp, mut reading) = self.scans.pop_front()?;
+            let (stamp, duration, mut reading) = self.scans.pop_front()?;
             reading.odom_from_robot = self.odometry_at(stamp);
+            reading.start_from_end = self.motion_in(duration);
             return Some(LogEntry::Laser(reading));
         }
         let odometry = self.odometry.pop_front()?;
@@ -254,6 +261,21 @@ impl McapReader {
             (Some(only), None) | (None, Some(only)) => only.odom_from_robot,
             (Some(before), Some(after)) => between(before, after, stamp),
         }
+    }
+}
+
+impl McapReader {
+    /// The motion in so long a time \[ns\] after a scan, at the speed of the odometry around it.
+    fn motion_in(&self, duration: i64) -> Pose {
+        let (Some(before), Some(after)) = (self.last_odometry, self.odometry.front()) else { return Pose::IDENTITY };
+        let between = after.stamp.saturating_sub(before.stamp);
+        if duration == 0 || between <= 0 || between > ODOMETRY_REACH {
+            return Pose::IDENTITY;
+        }
+        let Pose { x, y, heading } = after.odom_from_robot.seen_from(before.odom_from_robot);
+        let share = duration as f64 / between as f64;
+        let motion = Pose { x: share * x, y: share * y, heading: share * heading };
+        if motion.is_finite() { motion } else { Pose::IDENTITY }
     }
 }
 
@@ -280,6 +302,12 @@ impl LogReader for McapReader {
     }
 }
 
+/// How long a sweep takes from its first beam to its last \[ns\]; 0 where that cannot be.
+fn duration(message: &LaserScan) -> i64 {
+    let seconds = f64::from(message.time_increment) * message.ranges.len().saturating_sub(1) as f64;
+    if (0.0..=MAX_SWEEP).contains(&seconds) { (seconds * 1e9) as i64 } else { 0 }
+}
+
 /// The sweep that a message tells, seen by the robot that carries the laser; its odometry comes later.
 fn reading(stamp: i64, message: &LaserScan, mounting: Option<Mounting>) -> Result<LaserReading, String> {
     let beams = message.ranges.len();
@@ -298,6 +326,7 @@ fn reading(stamp: i64, message: &LaserScan, mounting: Option<Mounting>) -> Resul
         stamp: seconds(stamp),
         odom_from_robot: Pose::IDENTITY,
         robot_from_laser,
+        start_from_end: Pose::IDENTITY,
         first_angle: side * first_angle,
         angle_step: side * angle_step,
         max_range: if message.range_max > 0.0 { f64::from(message.range_max) } else { f64::INFINITY },

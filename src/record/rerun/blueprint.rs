@@ -16,7 +16,7 @@
 //! | [`PARTICLE_COUNT`] | log₁₀ of the number of particles | every step in a known map |
 //! | [`SECONDS`] | seconds by stage, in the order of [`StageTimes::NAMES`] | every step |
 //! | [`ABOUT`] | TOML: program, version, log, device, configuration with its seed | at the start |
-//! | [`LASER`] | x, y, heading and stamp of odometry, mounting x, y, heading, angle of the first beam and from one to the next, maximum range, all ranges | every reading |
+//! | [`LASER`] | x, y, heading and stamp of odometry, mounting x, y, heading, angle of the first beam and from one to the next, maximum range, motion during the sweep x, y, heading, all ranges | every reading |
 //! | [`ODOMETRY_READING`], [`TRUTH`] | x, y, heading, stamp | every reading |
 //! | [`POSE`] | x, y and heading of the best particle, as f64 | every step |
 //! | [`CHECKSUM`] | that of the step | every step |

@@ -259,14 +259,15 @@ impl Entries {
                 stamp,
                 odom_from_robot,
                 robot_from_laser,
+                start_from_end,
                 first_angle,
                 angle_step,
                 max_range,
                 ranges,
             }) => {
                 let poses = pose(*odom_from_robot).into_iter().chain([*stamp]).chain(pose(*robot_from_laser));
-                let beams = [*first_angle, *angle_step, *max_range].into_iter().chain(ranges.iter().copied());
-                self.laser.push(self.next, poses.chain(beams));
+                let beams = [*first_angle, *angle_step, *max_range].into_iter().chain(pose(*start_from_end));
+                self.laser.push(self.next, poses.chain(beams).chain(ranges.iter().copied()));
             }
         }
         self.next += 1;

@@ -259,12 +259,29 @@ impl Columns<'_> {
     fn entries(&self) -> Option<Vec<LogEntry>> {
         let mut entries: BTreeMap<i64, LogEntry> = BTreeMap::new();
         for (entry, row) in self.rows(blueprint::LASER, blueprint::ENTRY_TIMELINE) {
-            let (&[x, y, heading, stamp, ahead, left, turned, first_angle, angle_step, max_range], ranges) =
-                row.split_first_chunk::<10>()?;
+            let (
+                &[
+                    x,
+                    y,
+                    heading,
+                    stamp,
+                    ahead,
+                    left,
+                    turned,
+                    first_angle,
+                    angle_step,
+                    max_range,
+                    forward,
+                    sideways,
+                    turn,
+                ],
+                ranges,
+            ) = row.split_first_chunk::<13>()?;
             let reading = LaserReading {
                 stamp,
                 odom_from_robot: exactly(x, y, heading),
                 robot_from_laser: exactly(ahead, left, turned),
+                start_from_end: exactly(forward, sideways, turn),
                 first_angle,
                 angle_step,
                 max_range,
