@@ -1,4 +1,4 @@
-// A pose around the top of each particle's posterior, from the Laplace approximation.
+// A pose around the mode of each particle's posterior, from the Laplace approximation.
 // Twin of src/evaluator/cpu/draw.rs.
 
 @compute @workgroup_size(64)

@@ -1,7 +1,7 @@
 // One Gauss-Newton step of each particle up its posterior: eq. 18 together with eq. 17. A workgroup a group.
 //
-// Each dispatch looks at the scan from where the particle is, writes the quadratic model of there, and moves the
-// particle to the top of it, unless it has settled.
+// Each dispatch evaluates the scan at the pose of the particle, writes the quadratic model there, and moves the particle to
+// its maximum, unless it has settled.
 // Twin of src/evaluator/cpu/refine.rs.
 
 // Σ max ln p; gradient; information: xx, xy, xh, yy, yh, hh.
@@ -155,14 +155,14 @@ fn refine(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
     if group.count > 32u {
         // Every lane looks at the same tile, idle ones too.
         for (var tile = 0u; tile < job.tile_count; tile++) {
-            let points = points_together(tile, pose, robot.turn, lane);
-            let best = look_together(list_of(workgroup.x, group, tile), points, lane);
+            let points = points_shared(tile, pose, robot.turn, lane);
+            let best = evaluate_shared(list_of(workgroup.x, group, tile), points, lane);
             sums = add(sums, sums_of(tile, robot, points, best));
         }
     } else if is_climber {
         for (var tile = mine.first_tile; tile < job.tile_count; tile += mine.tile_stride) {
             let points = points_alone(tile, pose, robot.turn);
-            let best = look_alone(list_of(workgroup.x, group, tile), points);
+            let best = evaluate_alone(list_of(workgroup.x, group, tile), points);
             sums = add(sums, sums_of(tile, robot, points, best));
         }
     }
@@ -184,12 +184,12 @@ fn refine(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
     let cholesky = cholesky_of(information);
     var state = SETTLED;
     var next = pose;
-    let is_last = phase.restart == 0u && modes[mine.particle].state == LAST_LOOK;
+    let is_last = phase.restart == 0u && modes[mine.particle].state == LAST_EVALUATION;
     if phase.may_step == 1u && cholesky.exists && !is_last {
         let whole = solve(cholesky, gradient);
         let shrink = MAX_STEP / max(abs(whole), vec3f(1e-12));
         let taken = whole * min(1.0, min(shrink.x, min(shrink.y, shrink.z)));
-        state = select(CLIMBING, LAST_LOOK, all(abs(taken) < CONVERGED));
+        state = select(CLIMBING, LAST_EVALUATION, all(abs(taken) < CONVERGED));
         next = moved(pose, taken);
     }
     poses[mine.particle] = vec4f(next, sums.log_likelihood);

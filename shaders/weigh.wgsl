@@ -14,12 +14,12 @@ fn weigh(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_inde
         // Every lane looks at the same tile, idle ones too.
         for (var tile = 0u; tile < job.tile_count; tile++) {
             let list = list_of(workgroup.x, group, tile);
-            sum += sum_of(tile, look_together(list, points_together(tile, pose, turn, lane), lane));
+            sum += sum_of(tile, evaluate_shared(list, points_shared(tile, pose, turn, lane), lane));
         }
     } else if mine.is_active {
         for (var tile = mine.first_tile; tile < job.tile_count; tile += mine.tile_stride) {
             let list = list_of(workgroup.x, group, tile);
-            sum += sum_of(tile, look_alone(list, points_alone(tile, pose, turn)));
+            sum += sum_of(tile, evaluate_alone(list, points_alone(tile, pose, turn)));
         }
     }
     sums[lane] = sum;

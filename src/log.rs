@@ -44,7 +44,7 @@ pub struct LaserReading {
     pub first_angle: f64,
     /// Angle from one beam to the next \[rad\], positive counter-clockwise.
     pub angle_step: f64,
-    /// Ranges at or above this are no return \[m\]; infinite where the log does not tell.
+    /// Ranges at or above this are no return \[m\]; infinite if unknown.
     pub max_range: f64,
     /// One range a beam \[m\], as recorded: may hold NaN, infinite, negative and no-return values.
     pub ranges: Vec<f64>,

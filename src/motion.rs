@@ -59,19 +59,17 @@ pub struct Travel {
     turn: f64,
     /// Time for which nothing was measured \[s\].
     unmeasured: f64,
-    /// Readings that it was cut into; without any there is no doubt.
-    readings: u32,
 }
 
 impl Travel {
     /// A motion that odometry has measured.
     pub fn measured(mean: Pose) -> Self {
-        Self { mean, distance: mean.x.hypot(mean.y), turn: mean.heading.abs(), unmeasured: 0.0, readings: 1 }
+        Self { mean, distance: mean.x.hypot(mean.y), turn: mean.heading.abs(), unmeasured: 0.0 }
     }
 
     /// A guess of a motion that took so many seconds.
     pub fn unmeasured(mean: Pose, seconds: f64) -> Self {
-        Self { mean, distance: 0.0, turn: 0.0, unmeasured: seconds, readings: 1 }
+        Self { mean, distance: 0.0, turn: 0.0, unmeasured: seconds }
     }
 
     /// This way and then another one.
@@ -81,16 +79,12 @@ impl Travel {
             distance: self.distance + next.distance,
             turn: self.turn + next.turn,
             unmeasured: self.unmeasured + next.unmeasured,
-            readings: self.readings.saturating_add(next.readings),
         }
     }
 
     /// The distribution of the motion (eq. 17): standard deviations grow in proportion to distance, turn and unmeasured time,
-    /// as those of a scale error do.
+    /// as those of a scale error do. No motion is known better than the floors, not even none.
     pub fn motion(&self, config: &MotionConfig) -> Motion {
-        if self.readings == 0 {
-            return Motion::none();
-        }
         let position = config.position_floor
             + config.position_per_distance * self.distance
             + config.position_per_turn * self.turn

@@ -32,7 +32,7 @@ pub enum Event<'a> {
     },
 }
 
-/// Somebody who is told of every event. Errors are the observer's own to report: they never stop a run.
+/// Receives every event of a run. Errors are the observer's own to report: they never stop a run.
 pub trait Observer {
     /// Takes note of an event.
     fn on_event(&mut self, event: &Event<'_>);
@@ -162,8 +162,8 @@ pub struct StepReport<'a> {
     pub effective_sample_size: f64,
     /// Whether this step resampled.
     pub resampled: bool,
-    /// For each map that is left, the number of the one that it was before; that of itself where none was resampled. In a
-    /// known map, for each particle that is left; [`u32::MAX`] for one from anywhere.
+    /// Parent index of each survivor: of each map, the identity where the step did not resample; in a known map of each
+    /// particle, [`u32::MAX`] for one drawn anywhere.
     pub parents: &'a [u32],
     /// In a known map, how far the pose can be relied on.
     pub confidence: Option<Confidence>,

@@ -215,7 +215,7 @@ impl Slam {
             step: self.readings.len() as u32,
             draw: Draw::Tracking,
             starts: &[Start { mean: expected, prior: expected }],
-            particles_a_map: starts as usize,
+            particles_per_map: starts as usize,
             // Where odometry says.
             exact_first: true,
             is_heavy_tailed: true,
@@ -235,7 +235,7 @@ impl Slam {
     /// Table I, 6a: draws a pose for every particle, from the motion (eq. 17) and, unless that is switched off, by matching
     /// the scan with the particle's own map.
     fn propagate(&mut self, tiles: &[Tile]) -> Vec<Particle> {
-        let (anchor, particles_a_map) = (self.table.anchor(), self.config.particles / self.config.maps);
+        let (anchor, particles_per_map) = (self.table.anchor(), self.config.particles / self.config.maps);
         let (tracked, by_odometry) = (self.tracker.tracked(), self.tracker.by_odometry());
         let start = |from: &Hypothesis| Start {
             mean: LocalPose::new(from.world_from_robot * tracked.mean, anchor),
@@ -247,7 +247,7 @@ impl Slam {
         let iterations = if self.steps == 0 { 0 } else { self.config.proposal.iterations };
         let how = Propagation {
             starts: &starts,
-            particles_a_map,
+            particles_per_map,
             prior_information: packed(&information),
             iterations,
             ..self.propagation()
@@ -256,13 +256,13 @@ impl Slam {
         let maps: Vec<Vec<Slot>> = self.hypotheses.iter().zip(&starts).map(near).collect();
         let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
         let particle = |(index, Proposal { drawn, mode }): (usize, Proposal)| {
-            let from = &self.hypotheses[index / particles_a_map];
+            let from = &self.hypotheses[index / particles_per_map];
             Particle {
                 world_from_robot: drawn.in_world(anchor),
                 mode: mode.pose.in_world(anchor),
                 log_likelihood: (iterations > 0).then(|| f64::from(mode.log_likelihood)),
                 // The poses of a map share its weight.
-                log_weight: from.log_weight - (particles_a_map as f64).ln(),
+                log_weight: from.log_weight - (particles_per_map as f64).ln(),
                 gain: 0.0,
             }
         };
@@ -277,7 +277,7 @@ impl Slam {
             step: self.steps,
             draw: Draw::Motion,
             starts: &[],
-            particles_a_map: 0,
+            particles_per_map: 0,
             exact_first: false,
             is_heavy_tailed: false,
             noise,
@@ -314,10 +314,10 @@ impl Slam {
     /// Table I, 6d: each map keeps one of its poses; maps are resampled where too few of them carry the weight.
     /// Returns whether they were, and the parent index of each survivor.
     fn resample(&mut self, particles: &[Particle], weights: &[f64]) -> (bool, Vec<u32>) {
-        let (maps, poses_a_map) = (self.hypotheses.len(), particles.len() / self.hypotheses.len());
+        let (maps, poses_per_map) = (self.hypotheses.len(), particles.len() / self.hypotheses.len());
         let offset =
             |number: usize| f64::from(uniform(bits(self.config.seed, self.steps, number as u32, Draw::Resample)[0]));
-        let map_weights: Vec<f64> = weights.chunks(poses_a_map).map(|weights| weights.iter().sum()).collect();
+        let map_weights: Vec<f64> = weights.chunks(poses_per_map).map(|weights| weights.iter().sum()).collect();
         let resampled = effective_sample_size(&map_weights) < self.config.filter.resample_below * maps as f64
             || self.config.filter.resample_below >= 1.0;
         let survivors = if resampled { resample(&map_weights, maps, offset(maps)) } else { (0..maps).collect() };
@@ -325,7 +325,7 @@ impl Slam {
             .iter()
             .enumerate()
             .map(|(number, &survivor)| {
-                let poses = survivor * poses_a_map..(survivor + 1) * poses_a_map;
+                let poses = survivor * poses_per_map..(survivor + 1) * poses_per_map;
                 let drawn = resample(&weights[poses.clone()], 1, offset(number)).first().copied().unwrap_or(0);
                 let (from, particle) = (&self.hypotheses[survivor], &particles[poses.start + drawn]);
                 Hypothesis {

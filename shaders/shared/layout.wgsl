@@ -65,7 +65,7 @@ struct Job {
 struct Phase {
     // Every particle starts to climb; lists of before are worth nothing.
     restart: u32,
-    // A step may follow the look.
+    // A step may follow the evaluation.
     may_step: u32,
 }
 
@@ -88,10 +88,10 @@ override is_thick = false;
 
 // States of a climb.
 const CLIMBING = 0u;
-const LAST_LOOK = 1u;
+const LAST_EVALUATION = 1u;
 const SETTLED = 2u;
 
-// Room of a candidate list. Where more clusters reach a tile, all clusters of the map are looked through.
+// Room of a candidate list. Where more clusters reach a tile, all clusters of the map are evaluated.
 const LIST_ROOM = 63u;
 
 fn cluster_of(along: vec4f, across: vec4f) -> ClusterParams {

@@ -47,8 +47,8 @@ impl ConfigArgs {
             config = config.with_toml(&read(path)?).with_context(|| path.display().to_string())?;
         }
         // Where only the maps are named, each keeps as many poses as it had.
-        let poses_a_map = config.particles / config.maps.max(1);
-        let as_many = self.maps.filter(|&maps| maps > 0).map(|maps| maps.saturating_mul(poses_a_map));
+        let poses_per_map = config.particles / config.maps.max(1);
+        let as_many = self.maps.filter(|&maps| maps > 0).map(|maps| maps.saturating_mul(poses_per_map));
         config.particles = self.particles.or(as_many).unwrap_or(config.particles);
         config.maps = self.maps.unwrap_or(config.maps);
         config.seed = self.seed.unwrap_or(config.seed);

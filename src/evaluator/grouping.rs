@@ -14,10 +14,10 @@ pub struct ParticleGroup {
 }
 
 /// Groups in the order of the particles: those of the first map come first, as many of each map.
-pub fn in_order(maps: usize, particles_a_map: usize, size: usize) -> Vec<ParticleGroup> {
+pub fn in_order(maps: usize, particles_per_map: usize, size: usize) -> Vec<ParticleGroup> {
     let of_map = |map: usize| {
-        let first = (map * particles_a_map) as u32;
-        let particles: Vec<u32> = (first..first + particles_a_map as u32).collect();
+        let first = (map * particles_per_map) as u32;
+        let particles: Vec<u32> = (first..first + particles_per_map as u32).collect();
         chunks(map, &particles, size)
     };
     (0..maps).flat_map(of_map).collect()
@@ -67,16 +67,18 @@ mod tests {
 
     #[test]
     fn every_particle_is_in_one_group_of_its_map() {
-        for (maps, particles_a_map, size) in [(1, 1, 16), (3, 7, 4), (2, 64, 64), (5, 97, 16), (0, 4, 4)] {
-            let poses: Vec<LocalPose> = (0..maps * particles_a_map)
+        for (maps, particles_per_map, size) in [(1, 1, 16), (3, 7, 4), (2, 64, 64), (5, 97, 16), (0, 4, 4)] {
+            let poses: Vec<LocalPose> = (0..maps * particles_per_map)
                 .map(|i| LocalPose { x: (i * 37 % 11) as f32, y: (i * 53 % 13) as f32, heading: i as f32 })
                 .collect();
-            for groups in [in_order(maps, particles_a_map, size), by_place(maps, &poses, size)] {
+            for groups in [in_order(maps, particles_per_map, size), by_place(maps, &poses, size)] {
                 let mut seen: Vec<u32> = groups.iter().flat_map(|group| group.particles.clone()).collect();
                 seen.sort_unstable();
-                assert!(seen.iter().copied().eq(0..(maps * particles_a_map) as u32));
+                assert!(seen.iter().copied().eq(0..(maps * particles_per_map) as u32));
                 for ParticleGroup { map, particles } in groups {
-                    assert!(particles.len() <= size && particles.iter().all(|&p| p as usize / particles_a_map == map));
+                    assert!(
+                        particles.len() <= size && particles.iter().all(|&p| p as usize / particles_per_map == map)
+                    );
                 }
             }
         }

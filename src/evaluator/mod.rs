@@ -1,6 +1,6 @@
-//! Particles against maps: the part of the filter that runs over every particle and every point.
+//! The part of the filter that runs over every particle and every point.
 //!
-//! An [`Evaluator`] draws the poses of all particles and tells how likely the scan is from each of them. There are two,
+//! An [`Evaluator`] draws the poses of all particles and computes the log-likelihood of the scan at each of them. There are two,
 //! with the same steps under the same names, and the same answers but for rounding: [`cpu`], and with the feature `gpu`
 //! `gpu`, whose kernels are the files of `shaders/`.
 //!
@@ -8,8 +8,8 @@
 //! |---|---|---|
 //! | `propagate` | a pose for each particle, drawn from the motion | 17 |
 //! | `cull` | which clusters each tile of points can meet at all, from a group of poses | |
-//! | `refine` | Gauss-Newton steps from there to the top of the posterior: the log of eq. 18 plus that of eq. 17 | |
-//! | `draw` | a pose around the top, from the Laplace approximation | |
+//! | `refine` | Gauss-Newton steps from there to a mode of the posterior: the log of eq. 18 plus that of eq. 17 | |
+//! | `draw` | a pose around the mode, from the Laplace approximation | |
 //! | `weigh` | the log-likelihood of the scan | 18 |
 //!
 //! `advance` is `propagate` and `weigh` of poses that each start from where they are, as localisation in a known map needs
@@ -56,14 +56,14 @@ parameters! {
 /// Gauss-Newton steps of a climb: most converge in fewer.
 pub const ITERATIONS: u32 = 6;
 
-/// What all particles of a step look at.
+/// What the particles of a step are evaluated against.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene<'a> {
     /// Every cluster.
     pub table: &'a ClusterTable,
     /// The points of the scan.
     pub tiles: &'a [Tile],
-    /// For each map its clusters that the scan can meet, from wherever its particles may be.
+    /// For each map the slots of the clusters that the scan can meet, wherever its particles may be.
     pub maps: &'a [Vec<Slot>],
 }
 
@@ -76,19 +76,20 @@ pub struct Propagation<'a> {
     pub step: u32,
     /// Draw that the noise of the motion takes.
     pub draw: Draw,
-    /// For each map, where its particles go.
+    /// For each map, where its particles start.
     pub starts: &'a [Start],
     /// Particles of each map; those of the first map come first.
-    pub particles_a_map: usize,
+    pub particles_per_map: usize,
     /// Whether the first particle of each map starts at the mean of the motion itself.
     pub exact_first: bool,
     /// Whether the noise of the motion has the tails of Cauchy's distribution, to find a robot that odometry has lost.
     pub is_heavy_tailed: bool,
     /// Lower triangle whose product with standard normal numbers is the noise of the motion, in the robot's frame.
     pub noise: cholesky::Cholesky,
-    /// Inverse covariance of the prior, (forward, sideways, heading) in its robot's frame.
+    /// Inverse covariance of the prior of (forward, sideways, heading) \[m, m, rad\] in the frame of its mean, packed: xx, xy, xh,
+    /// yy, yh, hh.
     pub prior_information: [f32; 6],
-    /// At most so many Gauss-Newton steps, and half as many with thick walls before; 0: none, and no look at the map.
+    /// Maximum number of Gauss-Newton steps, after half as many with thick walls; 0 draws from the motion alone.
     pub iterations: u32,
     /// Standard deviation across thick walls at least \[m\]; that of the scene's table at most.
     pub capture_sigma: f32,
@@ -114,7 +115,7 @@ pub struct PosePrior {
     pub information: [f32; 6],
 }
 
-/// A top of the posterior density of one particle's pose. Where no map was looked at, the pose alone means something.
+/// A mode of the posterior density of one particle's pose. Without scan matching (0 iterations) only the pose is set.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Mode {
     /// Where it is.
@@ -127,12 +128,12 @@ pub struct Mode {
     pub information: [f32; 6],
 }
 
-/// What a particle was given.
+/// A proposed pose, and the mode that it was drawn around.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Proposal {
     /// Its pose.
     pub drawn: LocalPose,
-    /// The top of the posterior that it was drawn around.
+    /// The mode of the posterior that it was drawn around.
     pub mode: Mode,
 }
 

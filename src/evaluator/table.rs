@@ -1,4 +1,4 @@
-//! The clusters of all maps in f32, as both backends hold them: a row for each slot of the pool.
+//! The clusters of all maps in f32, as both backends store them: one row per slot of the pool.
 //!
 //! Rows are relative to an anchor near the robot, so that a map kilometres from the origin keeps its millimetres. When
 //! the robot has gone too far from it, the anchor follows and all rows are written anew.

@@ -1,6 +1,7 @@
 //! Which particles survive.
 
-/// Systematic resampling: `count` indices, each drawn `count · weight` times on average, within one of it.
+/// Systematic resampling: the parent indices of `count` survivors. Each index is drawn `count · weight` times on average,
+/// and never more than one away from that. `weights` need not sum to one; without any, all indices are 0.
 ///
 /// `offset` in (0, 1) is the only random number.
 pub fn resample(weights: &[f64], count: usize, offset: f64) -> Vec<usize> {

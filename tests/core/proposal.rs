@@ -60,7 +60,7 @@ fn propose(
         step: 1,
         draw: Draw::Motion,
         starts: &[start],
-        particles_a_map: count,
+        particles_per_map: count,
         exact_first: false,
         noise: Cholesky([0.0; 6]),
         prior_information: [information, 0.0, 0.0, information, 0.0, information],

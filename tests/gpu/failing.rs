@@ -8,7 +8,7 @@ use ipslam::evaluator::Evaluator;
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::failover::Failover;
 use ipslam::evaluator::gpu::GpuEvaluator;
-use ipslam::evaluator::gpu::kernels::{Kernel, Together};
+use ipslam::evaluator::gpu::kernels::{Kernel, Sharing};
 use ipslam::geometry::Pose;
 use ipslam::gpu::DeviceError;
 use ipslam::gpu::device::{Adapter, adapters, find};
@@ -22,7 +22,7 @@ struct Wrong {
     seen_by: fn(&mut GpuEvaluator) -> Found,
 }
 
-const WRONG: [Wrong; 17] = [
+const WRONG: [Wrong; 19] = [
     Wrong {
         kernel: Kernel::Propagate,
         what: "another multiplier of the random numbers",
@@ -124,15 +124,29 @@ const WRONG: [Wrong; 17] = [
     Wrong {
         kernel: Kernel::Refine,
         what: "a prior that pulls the other way",
-        from: "-vec3f(cos * pull.x",
-        to: "vec3f(cos * pull.x",
+        from: "-weight * vec3f(cos * pull.x",
+        to: "weight * vec3f(cos * pull.x",
         seen_by: |gpu| compare_refined(gpu),
     },
     Wrong {
         kernel: Kernel::Refine,
+        what: "a prior whose weight does not fall",
+        from: "let weight = 1.0 / tail;",
+        to: "let weight = 1.0;",
+        seen_by: |gpu| compare_refined(gpu),
+    },
+    Wrong {
+        kernel: Kernel::Propagate,
+        what: "tails that are not heavy",
+        from: "job.is_heavy_tailed == 1u",
+        to: "job.is_heavy_tailed == 2u",
+        seen_by: |gpu| compare_propagated(gpu),
+    },
+    Wrong {
+        kernel: Kernel::Refine,
         what: "one step too few",
-        from: "state = select(CLIMBING, LAST_LOOK",
-        to: "state = select(LAST_LOOK, LAST_LOOK",
+        from: "state = select(CLIMBING, LAST_EVALUATION",
+        to: "state = select(LAST_EVALUATION, LAST_EVALUATION",
         seen_by: |gpu| compare_refined(gpu),
     },
     Wrong {
@@ -146,12 +160,12 @@ const WRONG: [Wrong; 17] = [
 
 pub fn wrong_kernels_are_found_out(adapter: &Adapter) {
     for Wrong { kernel, what, from, to, seen_by } in WRONG {
-        let replaced = |of: Kernel, together: Together| {
-            let source = of.source(together);
+        let replaced = |of: Kernel, sharing: Sharing| {
+            let source = of.source(sharing);
             if of == kernel { source.replace(from, to) } else { source }
         };
-        for together in Together::ALL {
-            assert_ne!(replaced(kernel, together), kernel.source(together), "{kernel:?} has no {from}");
+        for sharing in Sharing::ALL {
+            assert_ne!(replaced(kernel, sharing), kernel.source(sharing), "{kernel:?} has no {from}");
         }
         let mut gpu = GpuEvaluator::with_sources(adapter, replaced).unwrap();
         let found = seen_by(&mut gpu);

@@ -1,6 +1,6 @@
 //! What needs no device: the kernels are valid WGSL, and what they share with the host lies alike on both sides.
 
-use ipslam::evaluator::gpu::kernels::{Kernel, Together};
+use ipslam::evaluator::gpu::kernels::{Kernel, Sharing};
 use ipslam::evaluator::gpu::layout::{GROUP, Group, GroupBounds, Job, LIST_ROOM, ParticleMode, Phase};
 use ipslam::evaluator::tiles::Tile;
 use ipslam::evaluator::{CONVERGED, MAX_STEP, MAX_TAIL, PRIOR_TAIL};
@@ -17,13 +17,13 @@ fn validated(source: &str) -> Result<Module, String> {
     Ok(module)
 }
 
-fn sources() -> impl Iterator<Item = (Kernel, Together)> {
-    Kernel::ALL.into_iter().flat_map(|kernel| Together::ALL.map(|together| (kernel, together)))
+fn sources() -> impl Iterator<Item = (Kernel, Sharing)> {
+    Kernel::ALL.into_iter().flat_map(|kernel| Sharing::ALL.map(|sharing| (kernel, sharing)))
 }
 
 pub fn kernels_are_valid() {
-    for (kernel, together) in sources() {
-        let source = kernel.source(together);
+    for (kernel, sharing) in sources() {
+        let source = kernel.source(sharing);
         let module = validated(&source).unwrap_or_else(|error| panic!("{kernel:?}: {error}"));
         let [entry] = &module.entry_points[..] else { panic!("{kernel:?} has not one entry point") };
         assert_eq!((entry.name.as_str(), entry.workgroup_size), (kernel.name(), [64, 1, 1]));
@@ -69,8 +69,8 @@ pub fn structs_lie_alike_on_both_sides() {
         ),
         fields!(Phase, restart, may_step),
     ];
-    for (kernel, together) in sources() {
-        let module = validated(&kernel.source(together)).unwrap();
+    for (kernel, sharing) in sources() {
+        let module = validated(&kernel.source(sharing)).unwrap();
         for (name, size, fields) in &structs {
             let found = module.types.iter().find(|(_, kind)| kind.name.as_deref() == Some(*name));
             let (_, kind) = found.unwrap_or_else(|| panic!("{kernel:?} has no {name}"));
@@ -97,7 +97,7 @@ pub fn constants_are_the_same_on_both_sides() {
         ),
     ];
     for (kernel, text) in written {
-        assert!(kernel.source(Together::Loads).contains(&text), "{kernel:?} has no {text}");
+        assert!(kernel.source(Sharing::Loads).contains(&text), "{kernel:?} has no {text}");
     }
     assert_eq!(GROUP, 64, "the lanes of a workgroup");
 }

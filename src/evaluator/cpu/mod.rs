@@ -58,7 +58,7 @@ pub fn propagate_all(scene: &Scene<'_>, how: &Propagation<'_>) -> Vec<Proposal> 
         let modes = refine(&local_map(scene, slots), &captured, &prior, scene.tiles, how.iterations);
         particles.iter().zip(modes).map(|(&particle, mode)| draw::draw(particle, mode, how)).collect()
     };
-    in_order(how.starts.len(), how.particles_a_map, CLIMBERS).into_par_iter().flat_map_iter(propose).collect()
+    in_order(how.starts.len(), how.particles_per_map, CLIMBERS).into_par_iter().flat_map_iter(propose).collect()
 }
 
 /// As [`Evaluator::weigh`].

@@ -7,7 +7,7 @@ use crate::random::{Draw, normals};
 /// A pose from the motion (eq. 17).
 pub(super) fn propagate(particle: u32, map: usize, how: &Propagation<'_>) -> LocalPose {
     let mean = how.starts[map].mean;
-    if how.exact_first && particle as usize == map * how.particles_a_map {
+    if how.exact_first && particle as usize == map * how.particles_per_map {
         return mean;
     }
     let [x, y, heading, divisor] = normals(how.seed, how.step, particle, how.draw);

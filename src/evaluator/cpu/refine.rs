@@ -9,7 +9,7 @@ use crate::evaluator::{CONVERGED, MAX_STEP, Mode, PRIOR_TAIL, PosePrior, SLACK};
 use crate::math::{ln, sin_cos, wrap};
 use pulp::{Arch, Simd, WithSimd};
 
-/// Climbs from each start to the nearest top of the posterior of one scan in one map.
+/// Climbs from each start to the nearest mode of the posterior of one scan in one map.
 ///
 /// Steps are taken on the gradient alone and never refused for a lower value: a pose further back in a corridor always
 /// explains more points than one that reaches into the unknown, and no step may be judged by that.
@@ -24,7 +24,7 @@ pub fn refine(map: &LocalMap, starts: &[LocalPose], prior: &PosePrior, tiles: &[
         candidates.cover(map, tiles, &poses, SLACK);
         let view = View { tiles, candidates: &candidates, log_outlier: map.log_outlier() };
         for climb in climbs.iter_mut().filter(|climb| !climb.settled) {
-            climb.look(view, prior);
+            climb.evaluate(view, prior);
             if climb.converged || iteration == iterations || !climb.step() {
                 climb.settled = true;
             }
@@ -47,7 +47,7 @@ impl Climb {
     }
 
     /// The quadratic model at the pose.
-    fn look(&mut self, view: View<'_>, prior: &PosePrior) {
+    fn evaluate(&mut self, view: View<'_>, prior: &PosePrior) {
         let pose = self.mode.pose;
         let Evaluation { log_likelihood, gradient, information } = view.linearise(pose);
         let prior = PriorModel::at(pose, prior);
@@ -60,7 +60,7 @@ impl Climb {
         };
     }
 
-    /// Moves to the top of the model; false where it has none.
+    /// Moves to the maximum of the model; false where it has none.
     fn step(&mut self) -> bool {
         let Some(cholesky) = Cholesky::new(self.mode.information) else { return false };
         let step = cholesky.solve(self.gradient);
@@ -114,7 +114,7 @@ impl PriorModel {
     }
 }
 
-/// Sums of one look at a scan from a pose.
+/// The log-likelihood of a scan at a pose, and its derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evaluation {
     /// Σ max ln p over the points (eq. 18); the outlier density where no cluster is likelier.

@@ -24,36 +24,36 @@ macro_rules! piece {
 const LAYOUT: &str = piece!("shared/layout");
 const MATH: &str = piece!("shared/math");
 const RANDOM: &str = piece!("shared/random");
-const LOOK: &str = piece!("shared/look");
+const EVALUATE: &str = piece!("shared/evaluate");
 const LIKELIEST_CLUSTER: &str = piece!("shared/likeliest_cluster");
 const LIKELIEST_DENSITY: &str = piece!("shared/likeliest_density");
-const TOLD: &str = piece!("shared/told");
+const BROADCAST: &str = piece!("shared/broadcast");
 const CHOLESKY: &str = piece!("shared/cholesky");
 
-/// How lanes that look through the same clusters come by them.
+/// How the lanes of a workgroup read the clusters that all of them evaluate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Together {
+pub enum Sharing {
     /// Each loads all: best where loads are cached.
     Loads,
-    /// Each loads a few and tells the others; needs subgroups of eight lanes or more.
+    /// Each loads a few and broadcasts them to the others; needs subgroups of eight lanes or more.
     Broadcasts,
 }
 
-impl Together {
+impl Sharing {
     /// Both ways.
     pub const ALL: [Self; 2] = [Self::Loads, Self::Broadcasts];
 
-    fn look(self) -> &'static [&'static str] {
+    fn evaluate(self) -> &'static [&'static str] {
         match self {
-            Self::Loads => &[piece!("shared/together_by_loads")],
-            Self::Broadcasts => &[TOLD, piece!("shared/together_by_broadcasts")],
+            Self::Loads => &[piece!("shared/evaluate_by_loads")],
+            Self::Broadcasts => &[BROADCAST, piece!("shared/evaluate_by_broadcasts")],
         }
     }
 
     fn enlist(self) -> &'static [&'static str] {
         match self {
             Self::Loads => &[piece!("shared/enlist_by_loads")],
-            Self::Broadcasts => &[TOLD, piece!("shared/enlist_by_broadcasts")],
+            Self::Broadcasts => &[BROADCAST, piece!("shared/enlist_by_broadcasts")],
         }
     }
 }
@@ -74,14 +74,14 @@ impl Kernel {
     }
 
     /// The whole text.
-    pub fn source(self, together: Together) -> String {
-        let (look, enlist) = (together.look(), together.enlist());
+    pub fn source(self, sharing: Sharing) -> String {
+        let (evaluate, enlist) = (sharing.evaluate(), sharing.enlist());
         let pieces: [&[&str]; 3] = match self {
             Self::Propagate => [&[LAYOUT, MATH, RANDOM], &[], &[piece!("propagate")]],
             Self::Cull => [&[LAYOUT, MATH], enlist, &[piece!("cull")]],
-            Self::Refine => [&[LAYOUT, MATH, LOOK, LIKELIEST_CLUSTER], look, &[CHOLESKY, piece!("refine")]],
+            Self::Refine => [&[LAYOUT, MATH, EVALUATE, LIKELIEST_CLUSTER], evaluate, &[CHOLESKY, piece!("refine")]],
             Self::Draw => [&[LAYOUT, MATH, RANDOM, CHOLESKY], &[], &[piece!("draw")]],
-            Self::Weigh => [&[LAYOUT, MATH, LOOK, LIKELIEST_DENSITY], look, &[piece!("weigh")]],
+            Self::Weigh => [&[LAYOUT, MATH, EVALUATE, LIKELIEST_DENSITY], evaluate, &[piece!("weigh")]],
         };
         pieces.concat().join("\n")
     }

@@ -34,7 +34,7 @@ pub struct ParticleMode {
     pub information: [f32; 6],
     /// Log-likelihood plus log prior.
     pub log_posterior: f32,
-    /// Climbing, due a last look, or settled.
+    /// Climbing, due a last evaluation, or settled.
     pub state: u32,
     /// The pose drawn around it.
     pub drawn: [f32; 4],
@@ -91,12 +91,12 @@ pub struct Job {
 }
 
 impl Job {
-    /// A job of looking alone.
-    pub fn look(tile_count: usize, log_outlier: f32) -> Self {
+    /// A job that evaluates poses as they are.
+    pub fn evaluate(tile_count: usize, log_outlier: f32) -> Self {
         Self { tile_count: tile_count as u32, log_outlier, ..Self::zeroed() }
     }
 
-    /// A job of moving poses and looking from there.
+    /// A job that moves poses and evaluates them.
     pub fn advance(how: &Advance, tile_count: usize, log_outlier: f32) -> Self {
         Self {
             seed: [how.seed as u32, (how.seed >> 32) as u32],
@@ -105,11 +105,11 @@ impl Job {
             noise: padded(how.noise.0),
             from_own_pose: 1,
             capture_sigma: how.capture_sigma,
-            ..Self::look(tile_count, log_outlier)
+            ..Self::evaluate(tile_count, log_outlier)
         }
     }
 
-    /// A job of drawing particles.
+    /// A job that draws particles.
     pub fn propagation(how: &Propagation<'_>, slack: [f32; 2], tile_count: usize, log_outlier: f32) -> Self {
         Self {
             seed: [how.seed as u32, (how.seed >> 32) as u32],
@@ -121,7 +121,7 @@ impl Job {
             spread: how.spread,
             capture_sigma: how.capture_sigma,
             is_heavy_tailed: how.is_heavy_tailed.into(),
-            ..Self::look(tile_count, log_outlier)
+            ..Self::evaluate(tile_count, log_outlier)
         }
     }
 }
@@ -136,7 +136,7 @@ fn padded(numbers: [f32; 6]) -> [f32; 8] {
 pub struct Phase {
     /// 1: every particle starts to climb; lists of before are worth nothing.
     pub restart: u32,
-    /// 1: a step may follow the look.
+    /// 1: a step may follow the evaluation.
     pub may_step: u32,
 }
 

@@ -18,7 +18,7 @@ use crate::gpu::{DeviceError, guarded};
 use crate::likelihood::ClusterParams;
 use crate::map::Slot;
 use buffers::{Buffers, phase_offset};
-use kernels::{Kernel, Together};
+use kernels::{Kernel, Sharing};
 use layout::{GROUP, Group, GroupBounds, Job, LIST_ROOM, ParticleMode, Phase};
 
 mod buffers;
@@ -80,12 +80,12 @@ impl GpuEvaluator {
     ///
     /// # Errors
     /// As for `new`.
-    pub fn with_sources(adapter: &Adapter, source: impl Fn(Kernel, Together) -> String) -> Result<Self, DeviceError> {
+    pub fn with_sources(adapter: &Adapter, source: impl Fn(Kernel, Sharing) -> String) -> Result<Self, DeviceError> {
         let device = adapter.open()?;
         let mut buffers = Buffers::new(&device)?;
         let bindings = Bindings::new(&device, &buffers.bound());
         let pipelines = Kernel::ALL.map(|kernel| {
-            let source = source(kernel, together(adapter));
+            let source = source(kernel, sharing(adapter));
             Pipeline::with_constants(&device, &bindings, kernel.name(), source, "is_thick", [0.0, 1.0])
         });
         device.check()?;
@@ -117,7 +117,7 @@ impl GpuEvaluator {
         poses: &[LocalPose],
     ) -> Result<Vec<Option<Vec<Slot>>>, DeviceError> {
         self.upload_table(scene.table)?;
-        let job = Job::look(scene.tiles.len(), scene.table.log_outlier());
+        let job = Job::evaluate(scene.tiles.len(), scene.table.log_outlier());
         let groups = [ParticleGroup { map: 0, particles: (0..poses.len() as u32).collect() }];
         let dispatch = Dispatch::once(Kernel::Cull, false);
         self.submit(scene, &job, Particles::At(poses), &groups, &[dispatch])?;
@@ -149,7 +149,7 @@ impl GpuEvaluator {
         Ok(())
     }
 
-    /// So many groups fit in one submission.
+    /// Number of groups that fit in one submission.
     fn groups_at_once(&self, scene: &Scene<'_>) -> usize {
         /// More is not worth the memory: so much keeps any device busy.
         const ENOUGH: u64 = 256 << 20;
@@ -213,8 +213,8 @@ impl Evaluator for GpuEvaluator {
             dispatches.extend(climb(false, how.iterations));
             dispatches.push(Dispatch::once(Kernel::Draw, false));
         }
-        let groups = in_order(how.starts.len(), how.particles_a_map, GROUP);
-        let mut proposals = Vec::with_capacity(how.starts.len() * how.particles_a_map);
+        let groups = in_order(how.starts.len(), how.particles_per_map, GROUP);
+        let mut proposals = Vec::with_capacity(how.starts.len() * how.particles_per_map);
         for groups in groups.chunks(self.groups_at_once(scene)) {
             let (poses, modes) = self.submit(scene, &job, Particles::Drawn(how), groups, &dispatches)?;
             if how.iterations == 0 {
@@ -228,7 +228,7 @@ impl Evaluator for GpuEvaluator {
 
     fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError> {
         self.upload_table(scene.table)?;
-        let job = Job::look(scene.tiles.len(), scene.table.log_outlier());
+        let job = Job::evaluate(scene.tiles.len(), scene.table.log_outlier());
         let dispatches = [Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch::once(kernel, false));
         let groups = by_place(scene.maps.len(), poses, GROUP);
         let mut log_likelihoods = vec![0.0; poses.len()];
@@ -261,19 +261,15 @@ impl Evaluator for GpuEvaluator {
     }
 }
 
-/// How lanes come by the clusters that they all look through: in software, each load is done for one lane after the other.
-fn together(adapter: &Adapter) -> Together {
-    if adapter.kind == AdapterKind::Software && adapter.can_broadcast() {
-        Together::Broadcasts
-    } else {
-        Together::Loads
-    }
+/// How lanes read shared clusters: a device in software does each load for one lane after the other.
+fn sharing(adapter: &Adapter) -> Sharing {
+    if adapter.kind == AdapterKind::Software && adapter.can_broadcast() { Sharing::Broadcasts } else { Sharing::Loads }
 }
 
-/// The kernels of a climb of at most so many steps: a look before each and one after the last.
+/// The kernels of a climb of at most `iterations` steps: an evaluation before each and one after the last.
 fn climb(is_thick: bool, iterations: u32) -> impl Iterator<Item = Dispatch> {
-    (0..=iterations).flat_map(move |look| {
-        let phase = Phase::new(look == 0, look < iterations);
+    (0..=iterations).flat_map(move |iteration| {
+        let phase = Phase::new(iteration == 0, iteration < iterations);
         [Kernel::Cull, Kernel::Refine].map(|kernel| Dispatch { kernel, phase, is_thick })
     })
 }
@@ -296,7 +292,7 @@ fn group_rows(scene: &Scene<'_>, particles: Particles<'_>, groups: &[ParticleGro
                 let start = how.starts[group.map];
                 row.mean = [start.mean.x, start.mean.y, start.mean.heading];
                 row.prior = [start.prior.x, start.prior.y, start.prior.heading];
-                row.exact_first = u32::from(how.exact_first && number as usize == group.map * how.particles_a_map);
+                row.exact_first = u32::from(how.exact_first && number as usize == group.map * how.particles_per_map);
             }
             Particles::Moving(_, how) => row.mean = how.motion,
             Particles::At(_) => {}

@@ -1,8 +1,8 @@
-// One look of a particle at a tile: the points against the tile's candidates (eq. 18).
+// Evaluates the points of one tile from one pose against the tile's candidates (eq. 18).
 
 const NONE = 0xffffffffu;
 
-// Which part of a group's work a lane does: one of the particles, every so-manieth tile.
+// The share of a group's work that a lane does: one of the particles, and every `tile_stride`-th tile.
 struct Share {
     particle: u32,
     is_active: bool,
@@ -82,8 +82,8 @@ fn log_density(cluster: ClusterParams, x: vec4f, y: vec4f) -> vec4f {
     return fma(-across, across, fma(-beyond, beyond, vec4f(cluster.log_peak)));
 }
 
-// A lane by itself looks through a list.
-fn look_alone(list: List, points: Points) -> Best {
+// Evaluates a list that this lane reads by itself.
+fn evaluate_alone(list: List, points: Points) -> Best {
     var best = all_outliers();
     for (var number = 0u; number < list.count; number++) {
         let slot = slot_of(list, number);

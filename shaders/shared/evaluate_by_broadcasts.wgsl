@@ -1,8 +1,8 @@
-// Lanes that look through the same list load four of its clusters at a time and tell them to one another, and likewise
-// the points of a tile. A device in software loads for one lane after the other, and would spend most of its
+// Lanes that evaluate the same list load four of its clusters at a time and broadcast them, and likewise the points of a
+// tile. A device in software loads for one lane after the other, and would spend most of its
 // time on that. Subgroups have eight lanes or more; where one of their lanes comes here, the first eight do.
 
-fn points_together(tile: u32, pose: vec3f, turn: vec2f, lane: u32) -> Points {
+fn points_shared(tile: u32, pose: vec3f, turn: vec2f, lane: u32) -> Points {
     let row = lane / 4u % 2u;
     let column = lane % 4u;
     let x = vec2f(tiles[tile].x[row][column], tiles[tile].x[row + 2u][column]);
@@ -25,16 +25,16 @@ fn points_together(tile: u32, pose: vec3f, turn: vec2f, lane: u32) -> Points {
     );
 }
 
-fn look_together(list: List, points: Points, lane: u32) -> Best {
+fn evaluate_shared(list: List, points: Points, lane: u32) -> Best {
     var best = all_outliers();
     for (var first = 0u; first < list.count; first += 4u) {
         // Past the end the last one comes again, which changes no maximum.
         let slot = slot_of(list, min(first + lane % 4u, list.count - 1u));
         let mine = half_of(slot, lane);
-        compare(&best, points, told0(mine), subgroupBroadcast(slot, 0u));
-        compare(&best, points, told1(mine), subgroupBroadcast(slot, 1u));
-        compare(&best, points, told2(mine), subgroupBroadcast(slot, 2u));
-        compare(&best, points, told3(mine), subgroupBroadcast(slot, 3u));
+        compare(&best, points, broadcast0(mine), subgroupBroadcast(slot, 0u));
+        compare(&best, points, broadcast1(mine), subgroupBroadcast(slot, 1u));
+        compare(&best, points, broadcast2(mine), subgroupBroadcast(slot, 2u));
+        compare(&best, points, broadcast3(mine), subgroupBroadcast(slot, 3u));
     }
     return best;
 }

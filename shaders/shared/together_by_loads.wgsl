@@ -1,9 +1,0 @@
-// Lanes that look through the same list each load its clusters: what one has loaded the others find in the cache.
-
-fn points_together(tile: u32, pose: vec3f, turn: vec2f, lane: u32) -> Points {
-    return points_alone(tile, pose, turn);
-}
-
-fn look_together(list: List, points: Points, lane: u32) -> Best {
-    return look_alone(list, points);
-}
