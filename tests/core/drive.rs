@@ -106,3 +106,43 @@ fn threads_change_nothing() {
     assert!(same(&one, &with_threads(2, 1)), "two threads change the result");
     assert!(!same(&one, &with_threads(2, 2)), "the seed has no effect");
 }
+
+/// Odometry that cannot be true: the map comes out as well as with the odometry that was driven, and what was not believed
+/// is counted.
+#[test]
+fn odometry_that_cannot_be_true_is_bridged() {
+    let simulation = simulation(40.0);
+    let truth = truth(&simulation);
+    let entries: Vec<LogEntry> = simulation.open().unwrap().map(Result::unwrap).collect();
+    let half = entries.len() / 2;
+    let spoilt = |spoil: &dyn Fn(usize, Pose) -> Pose| {
+        let mut slam = Slam::new(few_maps());
+        for (number, entry) in entries.iter().enumerate() {
+            let mut entry = entry.clone();
+            match &mut entry {
+                LogEntry::Odometry { odom_from_robot, .. } => *odom_from_robot = spoil(number, *odom_from_robot),
+                LogEntry::Laser(reading) => reading.odom_from_robot = spoil(number, reading.odom_from_robot),
+                LogEntry::Truth { .. } => {}
+            }
+            slam.add(&entry, &mut |_| {});
+        }
+        let result = slam.result();
+        assert!(result.trajectory().iter().all(|stamped| stamped.pose.is_finite()));
+        (absolute_error(&result.trajectory(), &truth), result.refused_odometry.len())
+    };
+    let (as_driven, refused) = spoilt(&|_, pose| pose);
+    assert_eq!(refused, 0);
+    let far = Pose::new(30.0, -20.0, 2.0);
+    for (name, spoil, least) in [
+        ("spike", &(|number, pose| if number == half { far * pose } else { pose }) as &dyn Fn(usize, Pose) -> Pose, 2),
+        ("1e200", &|number, pose| if number == half { Pose { x: 1e200, ..pose } } else { pose }, 2),
+        ("no number", &|number, pose| if number == half { Pose { y: f64::NAN, ..pose } } else { pose }, 1),
+        ("restart", &|number, pose| if number < half { far * pose } else { pose }, 1),
+        ("none", &|_, _| Pose::IDENTITY, 0),
+    ] {
+        let (error, refused) = spoilt(spoil);
+        println!("seed {SEED}, {name}: {error:.4} m, as driven {as_driven:.4} m; {refused} refused");
+        assert!(error < as_driven + 0.03, "seed {SEED}, {name}: {error} m, as driven {as_driven} m");
+        assert!((least..least + 2).contains(&refused), "seed {SEED}, {name}: {refused} refused");
+    }
+}
