@@ -139,7 +139,7 @@ pub trait LogReader: Iterator<Item = Result<LogEntry, LogError>> + Send {
     /// Counts so far.
     fn stats(&self) -> &LogStats;
 
-    /// Bytes of the file consumed so far and in all, for a progress bar; `None` where there is no file.
+    /// Bytes of the file consumed so far and in all, for a progress bar; `None` if the source is no file.
     fn progress(&self) -> Option<(u64, u64)>;
 }
 

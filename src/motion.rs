@@ -67,7 +67,7 @@ impl Travel {
         Self { mean, distance: mean.x.hypot(mean.y), turn: mean.heading.abs(), unmeasured: 0.0 }
     }
 
-    /// A guess of a motion that took so many seconds.
+    /// A guess of a motion that took `seconds` \[s\].
     pub fn unmeasured(mean: Pose, seconds: f64) -> Self {
         Self { mean, distance: 0.0, turn: 0.0, unmeasured: seconds }
     }

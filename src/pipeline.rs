@@ -27,7 +27,7 @@ pub struct Run<'a> {
     pub source: &'a dyn LogSource,
     /// Readings less than this after the first one are left out \[s\].
     pub skip: f64,
-    /// The run ends after so many laser readings.
+    /// Maximum number of laser readings.
     pub max_scans: Option<u64>,
     /// How the result is smoothed, if it is.
     pub smoothing: Option<Smoother>,
@@ -72,7 +72,7 @@ pub enum End {
 
 /// How far a run is.
 pub struct Progress<'a> {
-    /// Bytes of the log that are read, and all; `None` where there is no file.
+    /// Bytes of the log that are read, and all; `None` if the source is no file.
     pub bytes: Option<(u64, u64)>,
     /// What was counted until now.
     pub counts: &'a Counts,

@@ -16,7 +16,7 @@ pub enum Draw {
     Proposal = 1,
     /// Offset of the resampling comb.
     Resample = 2,
-    /// Starts of a look for the robot between steps.
+    /// Starts of scan matching between steps.
     Tracking = 3,
     /// A pose anywhere in a known map.
     Anywhere = 4,

@@ -61,7 +61,8 @@ pub struct Smoother {
 const POSITION_SIGMA: f64 = 0.03;
 /// How far a pass is expected to turn a scan \[rad\]: as far as moves a wall 3 m off by as much.
 const HEADING_SIGMA: f64 = 0.01;
-/// What so many scans saw is a wall, though it explains little: a robot takes two metres of way for them, unless it stands.
+/// A cluster that this many scans saw is a wall, though it explains little: they span two metres of way, unless the robot
+/// stands.
 const MANY_SCANS: u32 = 20;
 /// A scan saw a cluster that explains at least this many of its points.
 const SEEN: f64 = 3.0;

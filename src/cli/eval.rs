@@ -36,7 +36,7 @@ pub fn eval(args: &EvalArgs) -> anyhow::Result<()> {
     Ok(std::io::stdout().write_all(text.as_bytes())?)
 }
 
-/// All that is told of a trajectory.
+/// The scores of a trajectory.
 pub(super) struct Report<'a> {
     pub trajectory_path: &'a Path,
     pub poses: usize,

@@ -68,7 +68,7 @@ enum Command {
 
 /// Runs the command line.
 pub fn main() -> ExitCode {
-    // A device that gives up is told as an error.
+    // A device that panics is reported as an error.
     let default_hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         if !ipslam::gpu::is_guarded() {

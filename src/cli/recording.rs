@@ -39,7 +39,7 @@ impl From<RecordLevel> for ipslam::record::rerun::Level {
 }
 
 impl RecordingArgs {
-    /// Who has to be told of every step of the run.
+    /// The observers that record or show the run.
     #[cfg(feature = "record")]
     pub fn observers(&self, info: &RunInfo, input: Option<&Path>) -> anyhow::Result<Vec<Box<dyn Observer>>> {
         use ipslam::record::rerun::RerunObserver;
@@ -55,7 +55,7 @@ impl RecordingArgs {
         Ok(observers)
     }
 
-    /// Without the feature there is nobody to be told.
+    /// Without the feature there are none.
     #[cfg(not(feature = "record"))]
     pub fn observers(&self, _info: &RunInfo, _input: Option<&Path>) -> anyhow::Result<Vec<Box<dyn Observer>>> {
         anyhow::ensure!(self.record.is_none() && self.connect.is_none(), "--record and --connect need {FEATURE}");

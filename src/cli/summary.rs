@@ -7,7 +7,7 @@ use ipslam::report::{RunResult, StageTimes};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
-/// A cluster is told by its mean (2), the direction of its long axis (1) and the variances along and across it (2).
+/// A cluster has five numbers: its mean (2), the direction of its long axis (1) and the variances along and across it (2).
 const NUMBERS_PER_CLUSTER: u64 = 5;
 /// A measured point by its two coordinates.
 const NUMBERS_PER_POINT: u64 = 2;

@@ -138,7 +138,7 @@ pub struct Proposal {
 }
 
 /// The mode of the highest posterior that particles climbed to, with tempered log-likelihoods: taken at their word, two points
-/// that a wrong place explains would outweigh any odometry. `None` where there is no particle.
+/// that a wrong place explains would outweigh any odometry. `None` without particles.
 pub fn best_mode(proposals: Vec<Proposal>, temper: f64) -> Option<Mode> {
     let log_posterior = |mode: &Mode| {
         let log_prior = f64::from(mode.log_posterior) - f64::from(mode.log_likelihood);
@@ -197,7 +197,7 @@ pub trait Evaluator: std::fmt::Debug + Send {
     fn advance(&mut self, scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Result<Vec<Weighed>, DeviceError>;
 }
 
-/// Noise with heavy tails is at most so many times as wide as without: a climb comes no further.
+/// Widest factor of heavy-tailed noise: farther starts lie outside the reach of any climb.
 pub const MAX_TAIL: f32 = 30.0;
 /// c² of Cauchy's robust density, which the prior of a climb has in place of a Gaussian one: beyond c standard deviations a
 /// scan that disagrees with odometry wins. 2.3849² keeps 95 % of the efficiency of least squares where errors are Gaussian

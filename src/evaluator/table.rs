@@ -116,7 +116,7 @@ impl ClusterTable {
         let furthest = metres(FRAC_1_SQRT_2, row.across) * (row.log_peak - self.log_outlier() - 0.5).exp();
         let thick = row.thickened(furthest.min(self.max_capture_sigma as f32));
         let across = metres(reach(thick), thick.across);
-        // Its whole length in any case: who looks for walls to match needs those that explain nothing, too.
+        // Its whole length in any case: matching needs walls that explain nothing as well.
         let radius = along.hypot(across).max(0.5 * cluster.length() as f32);
         // Room for rounding.
         Circle { x: mean.x as f32, y: mean.y as f32, radius: radius * 1.001 + 0.001 }

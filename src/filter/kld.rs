@@ -31,7 +31,7 @@ pub fn sample_size<Bin: Eq + Hash>(min: usize, max: usize, bin_of: impl Fn(u32) 
     SampleSize { particles, bins: bins.len() }
 }
 
-/// The bound on the number of particles for so many bins (eq. 7 there).
+/// The bound on the number of particles for k bins (eq. 7 there): (k-1)/2ε · (1 - 2/(9(k-1)) + √(2/(9(k-1))) z(1-δ))³.
 fn bound(bins: usize) -> usize {
     let k = bins.saturating_sub(1) as f64;
     if k < 1.0 {

@@ -53,7 +53,7 @@ impl Buffer {
         Self { what, usage, buffer: device.device.create_buffer(&descriptor), is_new: true }
     }
 
-    /// Makes room for so many bytes. Where it has to grow for that, what it held is lost, and the answer is true.
+    /// Makes room for `bytes`. Returns true where the buffer had to grow, which loses its contents.
     ///
     /// # Errors
     /// The device cannot hold as much.
@@ -113,14 +113,14 @@ impl<T: Pod> Readback<T> {
         if self.bytes == 0 {
             return Ok(Vec::new());
         }
-        let (tell, told) = std::sync::mpsc::channel();
+        let (sender, receiver) = std::sync::mpsc::channel();
         self.buffer.map_async(wgpu::MapMode::Read, ..self.bytes, move |mapped| {
             // Whoever no longer listens has failed already.
-            let _ = tell.send(mapped);
+            let _ = sender.send(mapped);
         });
         device.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| device.failed(error))?;
         device.check()?;
-        match told.try_recv() {
+        match receiver.try_recv() {
             Ok(Ok(())) => {}
             Ok(Err(error)) => return Err(device.failed(error)),
             Err(_) => return Err(device.failed("it did not answer")),

@@ -26,7 +26,7 @@ pub enum AdapterKind {
     Integrated,
     /// A GPU lent to a virtual machine.
     Virtual,
-    /// Not told.
+    /// Unknown.
     Other,
     /// No GPU: the processor plays one.
     Software,

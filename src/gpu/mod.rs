@@ -15,7 +15,7 @@ thread_local! {
     static IS_GUARDED: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Whether this thread does work whose panics end in a [`DeviceError`]: nobody has to be told of them.
+/// Whether this thread does work whose panics become a [`DeviceError`]; a panic hook need not print them.
 pub fn is_guarded() -> bool {
     IS_GUARDED.get()
 }

@@ -125,7 +125,7 @@ impl<'a> Submission<'a> {
         Self { device, encoder }
     }
 
-    /// Kernels, one after the other, on so many workgroups; each with the offset of its dynamic binding \[bytes\].
+    /// Appends kernels, one after the other, on `workgroups` workgroups; each with the offset of its dynamic binding \[bytes\].
     pub fn dispatch<'p>(
         &mut self,
         bindings: &Bindings,

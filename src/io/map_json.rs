@@ -1,11 +1,11 @@
 //! The map of a run as `map.json`: a header that says what the numbers mean, one object a cluster, and the area where
 //! a robot can be.
 //!
-//! A cluster is told by its mean, direction, two standard deviations and count. Covariance and endpoints follow from
+//! A cluster is given by its mean, direction, two standard deviations and count. Covariance and endpoints follow from
 //! these; they are written for readers who want them, and the covariance is checked on reading, so that an edit of
 //! one and not the other is noticed.
 //!
-//! The free area is optional, and told by rows of cells: of each row the runs of free cells, `[start, end)`, the lowest
+//! The free area is optional, and given by rows of cells: of each row the runs of free cells, `[start, end)`, the lowest
 //! row first, from the corner `world_from_grid`.
 
 use crate::geometry::Pose;

@@ -71,7 +71,7 @@ pub(super) fn is_plausible(mean: Pose, motion: &Motion, more: Matrix3<f64>) -> b
     information.is_none_or(|information| off.dot(&(information * off)) <= CHI2_99_3DOF)
 }
 
-/// The covariance of a pose that is known so many times worse than [`BEST_KNOWN`].
+/// The covariance of a pose that is known `times` times worse than [`BEST_KNOWN`].
 pub(super) fn best_known(times: f64) -> Matrix3<f64> {
     Matrix3::from_diagonal(&BEST_KNOWN.map(|sigma| (times * sigma).powi(2)))
 }

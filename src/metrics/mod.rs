@@ -72,7 +72,7 @@ fn interpolate(before: &StampedPose, after: &StampedPose, stamp: f64) -> Pose {
     Pose::new(position.x, position.y, a.heading + share * wrap_angle(b.heading - a.heading))
 }
 
-/// What is told of a list of errors, each at least 0; in the unit of the errors.
+/// Statistics of a list of errors, each at least 0; in the unit of the errors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ErrorStats {
     /// How many errors there are.

@@ -46,7 +46,7 @@ mod write;
 pub use parse::implied_angles;
 pub use write::CarmenWriter;
 
-/// A file without a CARMEN message in so many lines that are neither blank nor comments is no CARMEN log.
+/// A file whose first 1000 lines, blank ones and comments aside, hold no CARMEN message is no CARMEN log.
 const LINES_TO_RECOGNISE: u64 = 1000;
 
 /// Editors on Windows put it before a text.
@@ -283,10 +283,10 @@ impl CarmenReader {
         let implied = implied_angles(beams);
         match self.field_of_view.or(mounting.field_of_view) {
             Some(field_of_view) => {
-                let told = parse::angles_of(beams, field_of_view, mounting.angle_step);
+                let angles = parse::angles_of(beams, field_of_view, mounting.angle_step);
                 // The log's own digits of π are no reason to turn the beams.
-                let is_implied = (told.0 - implied.0).abs() < 1e-4 && (told.1 - implied.1).abs() < 1e-6;
-                if is_implied { implied } else { told }
+                let is_implied = (angles.0 - implied.0).abs() < 1e-4 && (angles.1 - implied.1).abs() < 1e-6;
+                if is_implied { implied } else { angles }
             }
             None => {
                 self.stats.guessed_angles += u64::from(!parse::is_known_laser(beams));

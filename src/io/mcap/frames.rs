@@ -23,14 +23,14 @@ pub(super) struct Mounting {
 }
 
 impl Frames {
-    /// Where a frame was told before, the later transform counts.
+    /// Adds a transform; it replaces an earlier one of the same child.
     pub(super) fn insert(&mut self, parent: &str, child: &str, parent_from_child: Isometry3<f64>) {
         if self.0.len() < MAX_FRAMES {
             self.0.insert(child.to_owned(), (parent.to_owned(), parent_from_child));
         }
     }
 
-    /// Adds what others tell; where a frame was told before, theirs counts.
+    /// Adds the transforms of another tree; they replace those of the same child.
     pub(super) fn extend(&mut self, others: &Self) {
         others.0.iter().for_each(|(child, (parent, transform))| self.insert(parent, child, *transform));
     }

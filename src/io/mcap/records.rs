@@ -149,8 +149,8 @@ impl Records {
     /// The next record outside of chunks; `None` where it is nothing to hand out.
     fn next_in_file(&mut self) -> io::Result<Option<Next>> {
         let (mut opcode, mut length) = ([0; 1], [0; 8]);
-        self.file.read_exact(&mut opcode).map_err(told)?;
-        self.file.read_exact(&mut length).map_err(told)?;
+        self.file.read_exact(&mut opcode).map_err(named_cut_off)?;
+        self.file.read_exact(&mut length).map_err(named_cut_off)?;
         let (opcode, length) = (opcode[0], u64::from_le_bytes(length));
         let start = self.consumed;
         self.consumed = start.saturating_add(9).saturating_add(length);
@@ -250,7 +250,7 @@ fn cut_off() -> io::Error {
 }
 
 /// The same error, but for the end of the file.
-fn told(error: io::Error) -> io::Error {
+fn named_cut_off(error: io::Error) -> io::Error {
     if error.kind() == ErrorKind::UnexpectedEof { cut_off() } else { error }
 }
 

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::time::{Duration, Instant};
 
-/// Of more particles than this, so many are shown, evenly spread over their order.
+/// At most this many particles are shown, at a uniform stride.
 const MOST_PARTICLES: usize = 2000;
 /// The same where the recording is light.
 const MOST_PARTICLES_IF_LIGHT: usize = 250;

@@ -25,7 +25,7 @@ pub mod read;
 
 /// Name under which the viewer keeps the layout of its views.
 const APPLICATION: &str = "ipslam";
-/// The recording is written out, and asked whether that worked, every so many steps.
+/// Steps between flushes of the recording, each of which checks that it was written.
 const CHECK_EVERY: u32 = 100;
 /// A file or viewer that takes no data for so long is given up.
 const PATIENCE: Duration = Duration::from_secs(10);
