@@ -218,8 +218,9 @@ impl McapReader {
                 let message: LaserScan = messages::decode(data)?;
                 let stamp = stamp_of(&message.header)?;
                 let mounting = plan.mountings.get(message.header.frame()).copied().flatten();
+                let reading = reading(stamp, &message, mounting)?;
                 self.stats.laser_without_mounting += u64::from(mounting.is_none());
-                self.scans.push_back((stamp, duration(&message), reading(stamp, &message, mounting)?));
+                self.scans.push_back((stamp, duration(&message), reading));
             }
             _ if channel.schema == TRANSFORMS && is_static(&channel.topic) => {}
             _ => self.stats.add_skipped(&channel.topic),
