@@ -68,6 +68,11 @@ enum Command {
 
 /// Runs the command line.
 pub fn main() -> ExitCode {
+    // Graphics drivers complain on stderr where a session has no such folder, which is none of the user's business.
+    if cfg!(target_os = "linux") && std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        // SAFETY: no other thread runs yet.
+        unsafe { std::env::set_var("XDG_RUNTIME_DIR", std::env::temp_dir()) };
+    }
     // A device that panics is reported as an error.
     let default_hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
