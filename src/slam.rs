@@ -224,7 +224,7 @@ impl Slam {
         };
         let maps = [self.near(&best.map, expected, tiles, how.longest_way())];
         let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
-        if let Some(mode) = best_mode(proposals, self.config.filter.temper) {
+        if let Some(mode) = best_mode(proposals) {
             self.tracker.correct(Motion {
                 mean: mode.pose.in_world(self.table.anchor()).seen_from(best.world_from_robot),
                 covariance: unpacked(mode.information).try_inverse().unwrap_or(tracked.covariance),

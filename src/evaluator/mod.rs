@@ -137,12 +137,16 @@ pub struct Proposal {
     pub mode: Mode,
 }
 
+/// Log-likelihoods are multiplied by this where modes of one pose are compared: of the points of a scan, those of one wall err
+/// together, and what a map has wrong they have wrong together: as the weights of the filter are tempered.
+const MODE_TEMPER: f64 = 0.025;
+
 /// The mode of the highest posterior that particles climbed to, with tempered log-likelihoods: taken at their word, two points
 /// that a wrong place explains would outweigh any odometry. `None` without particles.
-pub fn best_mode(proposals: Vec<Proposal>, temper: f64) -> Option<Mode> {
+pub fn best_mode(proposals: Vec<Proposal>) -> Option<Mode> {
     let log_posterior = |mode: &Mode| {
         let log_prior = f64::from(mode.log_posterior) - f64::from(mode.log_likelihood);
-        log_prior + temper * f64::from(mode.log_likelihood)
+        log_prior + MODE_TEMPER * f64::from(mode.log_likelihood)
     };
     let modes = proposals.into_iter().map(|proposal| proposal.mode);
     modes.reduce(|a, b| if log_posterior(&b) > log_posterior(&a) { b } else { a })

@@ -232,7 +232,7 @@ impl Localization {
         let anchor = self.walls.table.anchor();
         let Motion { mean, covariance } = self.tracker.tracked();
         let expected = LocalPose::new(last.world_from_robot * mean, anchor).in_world(Point2::origin());
-        let found = self.climb(expected, &covariance, tiles);
+        let found = self.climb(expected, &covariance, tiles, true);
         let mean = found.pose.in_world(anchor).seen_from(last.world_from_robot);
         // In a long corridor, or where the map shows little, a scan may hold back the pose while the robot drives on.
         if is_plausible(mean, &self.tracker.by_odometry(), best_known(1.0)) {
@@ -244,7 +244,7 @@ impl Localization {
     /// The MAP estimate of the pose around a cloud, by Gauss-Newton steps from its mean, and how far it can be relied on.
     fn estimate(&mut self, cloud: &Cloud, tiles: &[Tile]) -> Located {
         // Its few particles may lie in one place.
-        let mode = self.climb(cloud.mean, &(cloud.covariance + best_known(1.0)), tiles);
+        let mode = self.climb(cloud.mean, &(cloud.covariance + best_known(1.0)), tiles, false);
         let world_from_robot = mode.pose.in_world(self.walls.table.anchor());
         let explained = self.walls.explained(world_from_robot, f64::from(mode.log_likelihood), tiles);
         let is_expected = self.is_expected(world_from_robot);
@@ -253,8 +253,8 @@ impl Localization {
     }
 
     /// The top of the posterior of the scan around a pose of the evaluator's frame; the covariance is of (forward,
-    /// sideways, heading) in its own.
-    fn climb(&mut self, mean: Pose, covariance: &Matrix3<f64>, tiles: &[Tile]) -> Mode {
+    /// sideways, heading) in its own. Where odometry may be wrong beyond reason, starts are drawn with heavy tails.
+    fn climb(&mut self, mean: Pose, covariance: &Matrix3<f64>, tiles: &[Tile], is_heavy_tailed: bool) -> Mode {
         let mean = LocalPose::new(mean, Point2::origin());
         let information = covariance.try_inverse().unwrap_or_else(Matrix3::zeros);
         let how = Propagation {
@@ -265,7 +265,7 @@ impl Localization {
             particles_per_map: self.config.tracking.starts.max(1) as usize,
             // Where it is expected.
             exact_first: true,
-            is_heavy_tailed: true,
+            is_heavy_tailed,
             noise: Cholesky::of_covariance(covariance),
             prior_information: packed(&information),
             iterations: ITERATIONS,
@@ -275,7 +275,7 @@ impl Localization {
         let reach = reach(tiles) + how.longest_way();
         let maps = [self.walls.table.near(&self.walls.slots[0], mean.x, mean.y, reach)];
         let scene = Scene { table: &self.walls.table, tiles, maps: &maps };
-        best_mode(self.evaluator.propagate(&scene, &how), self.config.temper).unwrap_or_default()
+        best_mode(self.evaluator.propagate(&scene, &how)).unwrap_or_default()
     }
 
     /// Can the robot have come here since the last step? At a place that only looks like the right one the estimate jumps.
