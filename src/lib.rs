@@ -36,6 +36,7 @@
 //! | [`random`] | draws that depend on seed, step, particle and draw number alone | |
 //! | [`ablation`] | the paper's own rules in place of ours | |
 //! | [`log`] | readings, and where they come from | |
+//! | [`detections`] | what a detector of objects saw, with odometry beside it | |
 //! | [`ppca`] | the model of one cluster: fit, density, moments | III-A, eq. 7-13 |
 //! | [`scan`] | ranges to points in the robot's frame | |
 //! | [`motion`] | odometry to a distribution of motions | eq. 17 |
@@ -53,7 +54,7 @@
 //! | [`localization`] | where the robot is in a map that is known | |
 //! | [`config`] | what a run was set to do | |
 //! | [`pipeline`] | source + estimator + observers -> result | |
-//! | [`io`] | files in and out: logs, trajectories, relations, `map.json`, grids of ROS, GeoJSON | |
+//! | [`io`] | files in and out: logs, detections, trajectories, relations, `map.json`, grids of ROS, GeoJSON | |
 //! | [`simulate`] | a robot in a building, as a log with known truth | |
 //! | [`metrics`] | errors of a trajectory against the truth | |
 //! | [`picture`] | a run seen from above, as SVG and PNG | fig. 3, 4 |
@@ -82,6 +83,7 @@
 pub mod ablation;
 pub mod clustering;
 pub mod config;
+pub mod detections;
 pub mod evaluator;
 pub mod filter;
 pub mod geometry;

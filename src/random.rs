@@ -20,6 +20,8 @@ pub enum Draw {
     Tracking = 3,
     /// A pose anywhere in a known map.
     Anywhere = 4,
+    /// A label that a detector gets wrong.
+    Label = 5,
 }
 
 /// Four independent words of 32 random bits.

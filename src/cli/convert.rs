@@ -1,5 +1,6 @@
-//! `ipslam convert`: a log or a map in another format.
+//! `ipslam convert`: a log or a map in another format, or a published set of detections as a recording.
 
+use super::dataset::DatasetArgs;
 use super::interrupt;
 use super::say::say;
 use anyhow::{Context as _, anyhow, bail};
@@ -9,7 +10,7 @@ use ipslam::grid::{FreeArea, OccupancyGrid, RESOLUTION, drawn};
 use ipslam::io::carmen::CarmenWriter;
 use ipslam::io::map_server::ReadGrid;
 use ipslam::io::mcap::Topics;
-use ipslam::io::{geojson, map_json, map_server, open_log, write_whole};
+use ipslam::io::{datasets, geojson, map_json, map_server, open_log, write_whole};
 use ipslam::map::{LineMap, clusters_of_grid};
 use ipslam::picture::Picture;
 use std::io::Write;
@@ -18,16 +19,21 @@ use std::path::{Path, PathBuf};
 const POSSIBLE: &str = "Formats, by the endings of the names:
   logs   in: CARMEN, plain or gzip; out: .clf, .log, .clf.gz, .log.gz (CARMEN)
   maps   in: .json (map.json), .yaml (grid of ROS's map_server, with its PGM or PNG);
-         out: .json, .yaml (and .pgm), .geojson (walls), .svg (picture)";
+         out: .json, .yaml (and .pgm), .geojson (walls), .svg (picture)
 
-/// Writes a log or a map in another format.
+Folders, by the files in them, become recordings of detections (a new folder):
+  MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition";
+
+/// Writes a log or a map in another format, or a published set of detections as a recording.
 #[derive(Debug, clap::Args)]
 #[command(after_help = POSSIBLE)]
 pub struct ConvertArgs {
-    /// Log or map to read
+    /// Log, map or folder of a set to read
     input: PathBuf,
-    /// File to write; its ending tells the format
+    /// File to write, whose ending tells the format; of a set, the folder to make
     output: PathBuf,
+    #[command(flatten)]
+    dataset: DatasetArgs,
 }
 
 /// What an ending stands for.
@@ -71,8 +77,14 @@ enum Map {
 
 /// Reads the one and writes the other.
 pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
-    let ConvertArgs { input, output } = args;
+    let ConvertArgs { input, output, dataset } = args;
     interrupt::watch()?;
+    if let Some(set) = datasets::recognise(input) {
+        return dataset.convert(set, input, output);
+    }
+    if dataset.are_given() {
+        bail!("{}: no set of detections is in this folder, so that no option applies\n{POSSIBLE}", input.display());
+    }
     let format = Format::of(output)
         .with_context(|| format!("{}: the ending of this name tells no format\n{POSSIBLE}", output.display()))?;
     let map = match Format::of(input) {

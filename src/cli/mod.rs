@@ -9,6 +9,7 @@ mod backend;
 mod bench;
 mod configuration;
 mod convert;
+mod dataset;
 mod devices;
 mod eval;
 mod help;

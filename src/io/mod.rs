@@ -5,12 +5,16 @@ use std::path::{Path, PathBuf};
 
 pub mod carmen;
 mod columns;
+pub mod datasets;
 pub mod geojson;
+mod lines;
 pub mod map_json;
 pub mod map_server;
 pub mod mcap;
 mod open;
 pub mod relations;
+pub mod semantic;
+mod table;
 pub mod tum;
 
 pub use open::open_log;

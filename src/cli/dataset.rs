@@ -1,0 +1,63 @@
+//! `ipslam convert` of a published set: its detections become a recording.
+
+use super::say::say;
+use anyhow::{Context as _, ensure};
+use ipslam::io::datasets::{self, ConvertError, Converted, Dataset, Options};
+use std::path::Path;
+
+/// What is chosen of a set.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Sets of detections")]
+pub struct DatasetArgs {
+    /// Robot, where the set has several
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    robot: Option<u32>,
+    /// Classes that its landmarks are given in turn; 3 for MR.CLAM, else 1
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    classes: Option<usize>,
+    /// Share of detections with a wrong class; 0.1 where there are several classes
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
+    wrong_labels: Option<f64>,
+    /// Seed of the wrong classes; 1 by default
+    #[arg(long, allow_negative_numbers = true)]
+    seed: Option<u64>,
+}
+
+impl DatasetArgs {
+    /// Whether any option is given.
+    pub fn are_given(&self) -> bool {
+        self.options() != Options::default()
+    }
+
+    fn options(&self) -> Options {
+        let Self { robot, classes, wrong_labels, seed } = *self;
+        Options { robot, classes, wrong_labels, seed }
+    }
+
+    /// Makes the folder of a recording.
+    pub fn convert(&self, set: Dataset, input: &Path, output: &Path) -> anyhow::Result<()> {
+        // Files of another recording would be taken for the truth about this one.
+        let is_new =
+            !output.exists() || (output.is_dir() && output.read_dir().is_ok_and(|mut files| files.next().is_none()));
+        ensure!(
+            is_new,
+            "{}: a recording needs a new folder: name one that does not exist or is empty",
+            output.display()
+        );
+        let converted = set.read(input, &self.options()).map_err(|error| match error {
+            ConvertError::Log(error) => anyhow::Error::from(error),
+            ConvertError::Option(error) => error.into(),
+        })?;
+        datasets::write(output, &converted).context("the recording is not complete")?;
+        let Converted { recording, notes, .. } = &converted;
+        notes.iter().for_each(|note| say!("note: {note}"));
+        say!(
+            "{}: {} frames, {} detections, {} rows of odometry",
+            output.display(),
+            recording.frames.len(),
+            recording.detections(),
+            recording.odometry.len()
+        );
+        Ok(())
+    }
+}

@@ -1,0 +1,218 @@
+//! Published recordings of landmarks, made recordings of detections ([`semantic`](super::semantic)).
+//!
+//! Which landmark a detection is, these sets tell; it goes to a file of its own, and what is left is the class. Where the set
+//! has no classes, they are made up: landmarks take turns in the order of their numbers, and labels are wrong at random.
+
+use super::WriteError;
+use super::semantic::{self, truth};
+use super::tum;
+use crate::detections::{Detection, Frame, Recording, Sensors};
+use crate::geometry::{StampedPose, wrap_angle};
+use crate::log::LogError;
+use crate::parameters::{ConfigError, check};
+use crate::random::{self, Draw};
+use std::path::Path;
+use truth::{Ids, TrueLandmark};
+
+mod dlr;
+mod lost_in_woods;
+mod mrclam;
+mod victoria_park;
+
+/// A set that is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dataset {
+    /// UTIAS MR.CLAM: five robots among barcoded tubes (Leung, Halpern, Barfoot, Liu, IJRR 30(8), 2011).
+    MrClam,
+    /// UTIAS "Lost in the Woods": a robot with a laser among tubes (Barfoot, State Estimation for Robotics).
+    LostInWoods,
+    /// A truck among trees (Guivant, Nebot, 2001), in the form of GTSAM.
+    VictoriaPark,
+    /// DLR Spatial Cognition: a robot with a camera among discs on the floor (Kurlbaum, Frese, 2007).
+    Dlr,
+}
+
+/// What is chosen of a set; what is not is as the set is known best.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Options {
+    /// Which robot, where there are several.
+    pub robot: Option<u32>,
+    /// How many classes the landmarks have.
+    pub classes: Option<usize>,
+    /// Share of wrong labels.
+    pub wrong_labels: Option<f64>,
+    /// Seed of the wrong labels; 1 by default.
+    pub seed: Option<u64>,
+}
+
+/// A set as a recording, and the truth about it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Converted {
+    /// What the robot knew.
+    pub recording: Recording,
+    /// Which landmark each detection is.
+    pub ids: Ids,
+    /// Where the robot was; empty where nobody knows.
+    pub trajectory: Vec<StampedPose>,
+    /// Where the landmarks are; empty where nobody knows.
+    pub landmarks: Vec<TrueLandmark>,
+    /// What was left out, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// Why a set cannot be converted.
+#[derive(Debug, thiserror::Error)]
+pub enum ConvertError {
+    /// A file of it cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// An option cannot be.
+    #[error(transparent)]
+    Option(#[from] ConfigError),
+}
+
+/// Which set is in a folder, by its files.
+pub fn recognise(folder: &Path) -> Option<Dataset> {
+    let has = |name: &str| folder.join(name).is_file();
+    if has("landmarks.csv") && has("range_bearing.csv") && has("odometry_truth.csv") && has("parameters.txt") {
+        return Some(Dataset::LostInWoods);
+    }
+    if has("map.circles") {
+        return Some(Dataset::Dlr);
+    }
+    if has("victoria_park.txt") {
+        return Some(Dataset::VictoriaPark);
+    }
+    (!mrclam::robots(folder).is_empty()).then_some(Dataset::MrClam)
+}
+
+impl Dataset {
+    /// Reads the set in a folder.
+    ///
+    /// # Errors
+    /// A file is missing or cannot be read, a line of it is wrong, or an option does not fit the set.
+    pub fn read(self, folder: &Path, options: &Options) -> Result<Converted, ConvertError> {
+        if let (Some(robot), true) = (options.robot, self != Self::MrClam) {
+            return Err(ConfigError::value("--robot", robot, "left out, as this set has one robot").into());
+        }
+        let labels = self.labels(options)?;
+        match self {
+            Self::MrClam => mrclam::read(folder, options.robot, &labels),
+            Self::LostInWoods => Ok(lost_in_woods::read(folder, &labels)?),
+            Self::VictoriaPark => Ok(victoria_park::read(folder, &labels)?),
+            Self::Dlr => Ok(dlr::read(folder, &labels)?),
+        }
+    }
+
+    fn labels(self, options: &Options) -> Result<Labels, ConfigError> {
+        let (object, usual) = match self {
+            Self::MrClam => ("tube", 3),
+            Self::LostInWoods => ("tube", 1),
+            Self::VictoriaPark => ("tree", 1),
+            Self::Dlr => ("disc", 1),
+        };
+        let classes = options.classes.unwrap_or(usual);
+        check("--classes", classes, 1.0..=MAX_CLASSES)?;
+        if self == Self::Dlr && classes > 1 {
+            let expected = "1, as the set does not tell for every detection which disc it is";
+            return Err(ConfigError::value("--classes", classes, expected));
+        }
+        let wrong = options.wrong_labels.unwrap_or(if classes > 1 { WRONG_LABELS } else { 0.0 });
+        check("--wrong-labels", wrong, 0.0..=1.0)?;
+        if wrong > 0.0 && classes == 1 {
+            return Err(ConfigError::value("--wrong-labels", wrong, "0 where there is one class (see --classes)"));
+        }
+        Ok(Labels { object, classes, wrong, seed: options.seed.unwrap_or(1) })
+    }
+}
+
+const MAX_CLASSES: f64 = 1000.0;
+/// Share of wrong labels, where nothing else is asked for.
+const WRONG_LABELS: f64 = 0.1;
+/// Sensors are told of some wrong labels even where there are none: else one would be beyond belief.
+const MOST_ACCURATE: f64 = 0.99;
+
+/// Classes that are made up.
+struct Labels {
+    object: &'static str,
+    classes: usize,
+    wrong: f64,
+    seed: u64,
+}
+
+impl Labels {
+    fn sensors(&self) -> Sensors {
+        let names = match self.classes {
+            1 => vec![self.object.to_owned()],
+            classes => (1..=classes).map(|number| format!("{}-{number}", self.object)).collect(),
+        };
+        Sensors::new(names, (1.0 - self.wrong).min(MOST_ACCURATE))
+    }
+
+    /// The class of a landmark; its number counts from 0.
+    fn class_of(&self, landmark: usize) -> usize {
+        landmark % self.classes
+    }
+
+    /// The class that a detector names: another than the true one with the probability of wrong labels.
+    fn label(&self, class: usize, frame: usize, number: usize) -> usize {
+        let [error, other, ..] = random::bits(self.seed, frame as u32, number as u32, Draw::Label).map(random::uniform);
+        if f64::from(error) >= self.wrong || self.classes < 2 {
+            return class;
+        }
+        let other = (f64::from(other) * (self.classes - 1) as f64) as usize;
+        (class + 1 + other) % self.classes
+    }
+
+    /// Frames in the order of their stamps, and the ids of their detections. Detections of a frame are sorted by bearing, so
+    /// that their order tells nothing about the landmarks.
+    fn frames(&self, sightings: Vec<(f64, Vec<Sighting>)>) -> (Vec<Frame>, Ids) {
+        let label_frame = |(frame, (stamp, mut seen)): (usize, (f64, Vec<Sighting>))| {
+            seen.sort_by(|a, b| a.bearing.total_cmp(&b.bearing));
+            let detect = |(number, sighting): (usize, &Sighting)| Detection {
+                class: self.label(sighting.landmark.map_or(0, |landmark| self.class_of(landmark)), frame, number),
+                score: sighting.score,
+                range: sighting.range,
+                bearing: wrap_angle(sighting.bearing),
+            };
+            let detections = seen.iter().enumerate().map(detect).collect();
+            (Frame { stamp, detections }, seen.iter().map(|sighting| sighting.id).collect::<Vec<_>>())
+        };
+        sightings.into_iter().enumerate().map(label_frame).unzip()
+    }
+}
+
+/// A landmark, seen.
+#[derive(Clone)]
+struct Sighting {
+    /// Its name in the set.
+    id: Option<u64>,
+    /// Its number from 0, which gives its class.
+    landmark: Option<usize>,
+    score: f64,
+    range: f64,
+    bearing: f64,
+}
+
+/// Writes a recording and what is true about it into a folder.
+///
+/// # Errors
+/// A file cannot be written.
+pub fn write(folder: &Path, converted: &Converted) -> Result<(), WriteError> {
+    let Converted { recording, ids, trajectory, landmarks, .. } = converted;
+    std::fs::create_dir_all(folder).map_err(|source| WriteError { path: folder.to_owned(), source })?;
+    truth::write_ids(&folder.join(truth::IDS), &recording.frames, ids)?;
+    if !trajectory.is_empty() {
+        tum::write(&folder.join(truth::TRAJECTORY), trajectory)?;
+    }
+    if !landmarks.is_empty() {
+        truth::write_landmarks(&folder.join(truth::LANDMARKS), landmarks, &recording.sensors.classes)?;
+    }
+    semantic::write(folder, recording)
+}
+
+/// Words that are finite numbers.
+fn numbers<'a>(words: impl Iterator<Item = &'a str>) -> Result<Vec<f64>, String> {
+    let number = |word: &str| word.parse().ok().filter(|number: &f64| number.is_finite());
+    words.map(|word| number(word).ok_or_else(|| format!("`{word:.30}` is not a number"))).collect()
+}

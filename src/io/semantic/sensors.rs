@@ -1,0 +1,126 @@
+//! `sensors.toml`: the sensors of a recording. What it leaves out has its default; only the classes have to be named.
+
+use super::invalid;
+use crate::detections::{DetectionKind, DetectionNoise, Detector, OdometryNoise, Sensors, View};
+use crate::geometry::Pose;
+use crate::log::LogError;
+use crate::parameters::{ConfigError, check};
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{Read as _, Write};
+use std::path::Path;
+use toml::de::{DeTable, DeValue};
+
+/// Longer texts are no description of sensors \[bytes\].
+const MAX_LENGTH: u64 = 1 << 20;
+const EXPECTED: &str = "sensors.toml is a TOML text in UTF-8; the least is a line `classes = [\"NAME\", \"NAME\"]`";
+/// Of the labels, where the file does not tell.
+const LABEL_ACCURACY: f64 = 0.9;
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SensorsFile {
+    #[serde(default)]
+    kind: DetectionKind,
+    #[serde(default)]
+    classes: Vec<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    label_accuracy: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    confusion: Option<Vec<Vec<f64>>>,
+    #[serde(default)]
+    mounting: Mounting,
+    #[serde(default)]
+    noise: DetectionNoise,
+    #[serde(default)]
+    view: View,
+    #[serde(default)]
+    detector: Detector,
+    #[serde(default)]
+    odometry: OdometryNoise,
+}
+
+/// Pose of the detector in the robot's frame.
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Mounting {
+    x: f64,
+    y: f64,
+    heading: f64,
+}
+
+pub(super) fn read(path: &Path) -> Result<Sensors, LogError> {
+    let not_this_format = |reason| LogError::NotThisFormat { path: path.to_owned(), reason, expected: EXPECTED };
+    let mut bytes = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(MAX_LENGTH + 1).read_to_end(&mut bytes))
+        .map_err(|source| LogError::Open { path: path.to_owned(), source })?;
+    if bytes.len() as u64 > MAX_LENGTH {
+        return Err(not_this_format(format!("it has more than {MAX_LENGTH} bytes")));
+    }
+    let text = std::str::from_utf8(&bytes)
+        .map_err(|error| not_this_format(format!("byte {} is no UTF-8", error.valid_up_to())))?;
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let line_error = |line, reason| LogError::Line { path: path.to_owned(), line, reason };
+    let file: SensorsFile = toml::from_str(text).map_err(|error| {
+        let start = error.span().map_or(0, |span| span.start);
+        line_error(line_at(text, start), error.message().to_owned())
+    })?;
+    resolve(file).map_err(|error| line_error(line_of(text, &error), error.to_string()))
+}
+
+fn resolve(file: SensorsFile) -> Result<Sensors, ConfigError> {
+    let SensorsFile { kind, classes, label_accuracy, confusion, mounting, noise, view, detector, odometry } = file;
+    if let (Some(accuracy), Some(_)) = (label_accuracy, &confusion) {
+        return Err(ConfigError::value("label_accuracy", accuracy, "left out, as there is a confusion matrix"));
+    }
+    let accuracy = label_accuracy.unwrap_or(LABEL_ACCURACY);
+    check("label_accuracy", accuracy, 0.0..=1.0)?;
+    let mut sensors = Sensors::new(classes, accuracy);
+    sensors.kind = kind;
+    sensors.confusion = confusion.unwrap_or(sensors.confusion);
+    sensors.robot_from_sensor = Pose::new(mounting.x, mounting.y, mounting.heading);
+    sensors.noise = noise;
+    sensors.view = view;
+    sensors.detector = detector;
+    sensors.odometry = odometry;
+    sensors.validate()?;
+    Ok(sensors)
+}
+
+/// Number of the line, from 1, that holds a byte.
+fn line_at(text: &str, byte: usize) -> u64 {
+    let before = text.as_bytes().get(..byte).unwrap_or_default();
+    before.iter().filter(|&&byte| byte == b'\n').count() as u64 + 1
+}
+
+/// The line of the value that cannot be; the first one where the file does not set it.
+fn line_of(text: &str, error: &ConfigError) -> u64 {
+    let (ConfigError::Value { name, .. }, Ok(root)) = (error, DeTable::parse(text)) else { return 1 };
+    let (mut table, mut start) = (root.get_ref(), 0);
+    for key in name.split('.') {
+        let Some(value) = table.get(key) else { break };
+        start = value.span().start;
+        let DeValue::Table(inner) = value.get_ref() else { break };
+        table = inner;
+    }
+    line_at(text, start)
+}
+
+pub(super) fn write(sensors: &Sensors, mut out: impl Write) -> std::io::Result<()> {
+    sensors.validate().map_err(|error| invalid(error.to_string()))?;
+    let Pose { x, y, heading } = sensors.robot_from_sensor;
+    let file = SensorsFile {
+        kind: sensors.kind,
+        classes: sensors.classes.clone(),
+        label_accuracy: None,
+        confusion: Some(sensors.confusion.clone()),
+        mounting: Mounting { x, y, heading },
+        noise: sensors.noise,
+        view: sensors.view,
+        detector: sensors.detector,
+        odometry: sensors.odometry,
+    };
+    let text = toml::to_string(&file).map_err(|error| invalid(error.to_string()))?;
+    writeln!(out, "# Metres, radians, seconds; a row of the confusion matrix is a true class.\n{text}")
+}
