@@ -1,7 +1,8 @@
 //! What a detector of objects saw, and what the robot's odometry tells beside it: the input of semantic SLAM.
 //!
-//! A detection is an object of some class at a range and a bearing; which object it is, nobody tells. The detections of one
-//! moment are a [`Frame`]. A [`Recording`] holds all frames, the odometry, and what is known about both sensors.
+//! A detection is an object of some class at a range and a bearing; which object it is, nobody tells. The detections
+//! of one moment are a [`Frame`]. A [`Recording`] holds all frames, the odometry, and what is known about both
+//! sensors.
 
 pub use odometry::{Motion, Odometry, Velocity};
 pub use sensors::{DetectionKind, DetectionNoise, Detector, OdometryNoise, Sensors, View};

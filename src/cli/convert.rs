@@ -83,7 +83,7 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
         return dataset.convert(set, input, output);
     }
     if dataset.are_given() {
-        bail!("{}: no set of detections is in this folder, so that no option applies\n{POSSIBLE}", input.display());
+        bail!("{}: this is no folder of a set, and options are for sets only\n{POSSIBLE}", input.display());
     }
     let format = Format::of(output)
         .with_context(|| format!("{}: the ending of this name tells no format\n{POSSIBLE}", output.display()))?;

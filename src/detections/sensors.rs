@@ -23,7 +23,8 @@ pub struct Sensors {
     pub kind: DetectionKind,
     /// Names of the classes.
     pub classes: Vec<String>,
-    /// Probability of a label: a row for each true class, a column for each class that the detector names. Rows sum to 1.
+    /// Probability of a label: a row for each true class, a column for each class that the detector names. Rows sum
+    /// to 1.
     pub confusion: Vec<Vec<f64>>,
     /// Where the detector is mounted.
     pub robot_from_sensor: Pose,
@@ -106,8 +107,8 @@ parameters! {
 }
 
 impl OdometryNoise {
-    /// Variances of the end of a motion in the frame of its start, where it is small: ahead \[m²\], sideways \[m²\], heading
-    /// \[rad²\].
+    /// Variances of the end of a motion in the frame of its start, where it is small: ahead \[m²\], sideways \[m²\],
+    /// heading \[rad²\].
     pub fn variances(&self, motion: &Motion) -> [f64; 3] {
         let Motion { distance, turned, duration, .. } = *motion;
         let waiting = self.position_per_second.powi(2) * duration;
@@ -122,8 +123,8 @@ impl OdometryNoise {
 }
 
 impl Sensors {
-    /// Sensors with the defaults for all but the classes; labels are right with a probability, and wrong ones are equally
-    /// likely.
+    /// Sensors with the defaults for all but the classes; labels are right with a probability, and wrong ones are
+    /// equally likely.
     pub fn new(classes: Vec<String>, label_accuracy: f64) -> Self {
         Self {
             kind: DetectionKind::default(),

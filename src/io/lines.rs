@@ -1,7 +1,7 @@
 //! The lines of a text file, plain or gzip, each of bounded length.
 //!
-//! Whether a file is gzip shows in its first two bytes. A byte-order mark and the ends of the lines are taken off; bytes that
-//! are not UTF-8 become replacement characters.
+//! Whether a file is gzip shows in its first two bytes. A byte-order mark and the ends of the lines are taken off;
+//! bytes that are not UTF-8 become replacement characters.
 
 use crate::log::LogError;
 use flate2::bufread::MultiGzDecoder;

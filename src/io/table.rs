@@ -1,5 +1,5 @@
-//! Text files of columns with names: comma-separated values (RFC 4180), plain or gzip, one row a line, the names in the
-//! first one.
+//! Text files of columns with names: comma-separated values (RFC 4180), plain or gzip, one row a line, the names in
+//! the first one.
 //!
 //! The order of the columns is free. Blank lines and lines that start with `#` are left out.
 
@@ -57,14 +57,14 @@ impl Row<'_> {
     }
 }
 
-/// Hands every row of a table to `take_row`, in the order of the file, with the number of its layout: the first one whose
-/// required columns are all there. Returns the names of columns that the layout does not know.
+/// Hands every row of a table to `take_row`, in the order of the file, with the number of its layout: the first one
+/// whose required columns are all there. Returns the names of columns that the layout does not know.
 ///
 /// `expected` says what the file should be, for the error where its header fits no layout.
 ///
 /// # Errors
-/// The file cannot be read, its header fits no layout, or a row is none that `take_row` accepts: it returns what is wrong
-/// with it. A table without rows is no error.
+/// The file cannot be read, its header fits no layout, or a row is none that `take_row` accepts: it returns what is
+/// wrong with it. A table without rows is no error.
 pub(super) fn read_table(
     path: &Path,
     layouts: &[Layout],
@@ -73,7 +73,7 @@ pub(super) fn read_table(
 ) -> Result<Vec<String>, LogError> {
     let not_this_format = |reason| LogError::NotThisFormat { path: path.to_owned(), reason, expected };
     let mut lines = Lines::open(path)?;
-    let (mut line, mut fields) = (String::new(), Fields::default());
+    let (mut line, mut fields) = (String::new(), Fields::new());
     if !lines.next_into(&mut line)? {
         return Err(not_this_format("it is empty".to_owned()));
     }
@@ -101,7 +101,6 @@ pub(super) fn read_table(
 }
 
 /// The fields of one row, unquoted.
-#[derive(Default)]
 struct Fields {
     reader: Reader,
     text: Vec<u8>,
@@ -109,6 +108,10 @@ struct Fields {
 }
 
 impl Fields {
+    fn new() -> Self {
+        Self { reader: Reader::new(), text: Vec::new(), ends: Vec::new() }
+    }
+
     /// Takes a row apart; `line` gets an end of line, which closes its last field.
     fn split(&mut self, line: &mut String) -> Result<(), String> {
         line.push('\n');

@@ -14,12 +14,14 @@ mod python;
 mod readers;
 #[cfg(feature = "record")]
 mod recording;
+mod semantic;
 
 fn main() {
     let trials = [
         carmen::trials(),
         mcap::trials(),
         readers::trials(),
+        semantic::trials(),
         #[cfg(feature = "record")]
         recording::trials(),
     ];

@@ -1,8 +1,9 @@
-//! DLR Spatial Cognition, `map.circles`: a robot with a camera drives half a kilometre through offices, discs on the floor.
+//! DLR Spatial Cognition, `map.circles`: a robot with a camera drives half a kilometre through offices, discs on the
+//! floor.
 //!
-//! `STEP image dx dy dheading` and six numbers of its covariance, the motion before an image; then, for each disc in the image,
-//! `LANDMARK_C x y quality`, three numbers of its covariance, and which disc it is, or -1 where nobody knows. There are no
-//! stamps: a step counts as a second. An image without a disc is a frame that saw nothing.
+//! `STEP image dx dy dheading` and six numbers of its covariance, the motion before an image; then, for each disc in
+//! the image, `LANDMARK_C x y quality`, three numbers of its covariance, and which disc it is, or -1 where nobody
+//! knows. There are no stamps: a step counts as a second. An image without a disc is a frame that saw nothing.
 //!
 //! The robot's frame has -y ahead and x to the right, so that angles count clockwise; it is turned into ours.
 
@@ -45,7 +46,8 @@ pub(super) fn read(folder: &Path, labels: &Labels) -> Result<Converted, LogError
     }
     let (frames, ids) = labels.frames(frames);
     let mut sensors = labels.sensors();
-    // As the covariances in the file: 4 cm in every direction, up to 7 cm in range at 3 m; 1 cm and 0.04 rad after a metre.
+    // As the covariances in the file: 4 cm in every direction, up to 7 cm in range at 3 m; 1 cm and 0.04 rad after a
+    // metre.
     sensors.noise = DetectionNoise { range: 0.03, bearing: 0.003, position: 0.04 };
     sensors.view = View { min_range: 0.9, max_range: 4.5, min_bearing: -1.05, max_bearing: 1.05 };
     sensors.detector = Detector { detection_probability: 0.7, clutter_density: 0.01 };

@@ -1,7 +1,8 @@
 //! "Lost in the Woods": a robot with a laser drives among seventeen tubes, ten readings a second.
 //!
-//! `odometry_truth.csv` has speeds and true poses, row k at k/10 s; `range_bearing.csv` the tubes that the laser saw at row k;
-//! `parameters.txt` where the laser is mounted, and variances. A row without a tube is a frame that saw nothing.
+//! `odometry_truth.csv` has speeds and true poses, row k at k/10 s; `range_bearing.csv` the tubes that the laser saw
+//! at row k; `parameters.txt` where the laser is mounted, and variances. A row without a tube is a frame that saw
+//! nothing.
 
 use super::{Converted, Labels, Sighting};
 use crate::detections::{DetectionNoise, Detector, Odometry, OdometryNoise, Recording, Velocity, View};
@@ -46,7 +47,7 @@ pub(super) fn read(folder: &Path, labels: &Labels) -> Result<Converted, LogError
     sensors.robot_from_sensor = Pose::new(parameters.mounting, 0.0, 0.0);
     sensors.noise = parameters.detection_noise();
     sensors.view = View { min_range: 0.0, max_range: 6.0, min_bearing: -2.1, max_bearing: 2.1 };
-    sensors.detector = Detector { detection_probability: 0.9, clutter_density: 1e-4 };
+    sensors.detector = Detector { detection_probability: 0.6, clutter_density: 1e-4 };
     sensors.odometry = parameters.odometry_noise();
     let note = format!("{without_truth} poses without a valid truth are not in it");
     Ok(Converted {

@@ -1,7 +1,8 @@
 //! Published recordings of landmarks, made recordings of detections ([`semantic`](super::semantic)).
 //!
-//! Which landmark a detection is, these sets tell; it goes to a file of its own, and what is left is the class. Where the set
-//! has no classes, they are made up: landmarks take turns in the order of their numbers, and labels are wrong at random.
+//! Which landmark a detection is, these sets tell; it goes to a file of its own, and what is left is the class. Where
+//! the set has no classes, they are made up: landmarks take turns in the order of their numbers, and labels are wrong
+//! at random.
 
 use super::WriteError;
 use super::semantic::{self, truth};
@@ -164,8 +165,8 @@ impl Labels {
         (class + 1 + other) % self.classes
     }
 
-    /// Frames in the order of their stamps, and the ids of their detections. Detections of a frame are sorted by bearing, so
-    /// that their order tells nothing about the landmarks.
+    /// Frames in the order of their stamps, and the ids of their detections. Detections of a frame are sorted by
+    /// bearing, so that their order tells nothing about the landmarks.
     fn frames(&self, sightings: Vec<(f64, Vec<Sighting>)>) -> (Vec<Frame>, Ids) {
         let label_frame = |(frame, (stamp, mut seen)): (usize, (f64, Vec<Sighting>))| {
             seen.sort_by(|a, b| a.bearing.total_cmp(&b.bearing));

@@ -1,8 +1,8 @@
 //! UTIAS MR.CLAM: five robots drive among fifteen tubes with barcodes; each sees tubes and other robots by a camera.
 //!
-//! Read are the files as they were published (`Robot1_Odometry.dat` and so on, with barcodes and the time of day), and tables of
-//! one robot each (`robot1_odometry.csv` and so on, with subjects, and times from the robot's first odometry).
-//! Subjects 1 to 5 are the robots, 6 to 20 the tubes.
+//! Read are the files as they were published (`Robot1_Odometry.dat` and so on, with barcodes and the time of day),
+//! and tables of one robot each (`robot1_odometry.csv` and so on, with subjects, and times from the robot's first
+//! odometry). Subjects 1 to 5 are the robots, 6 to 20 the tubes.
 
 use super::{ConvertError, Converted, Labels, Sighting};
 use crate::detections::{DetectionNoise, Detector, Odometry, OdometryNoise, Recording, Velocity, View};

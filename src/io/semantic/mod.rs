@@ -1,4 +1,5 @@
-//! A recording of detections: a folder with `sensors.toml`, `odometry.csv` and `detections.csv`, as `docs/formats.md` says.
+//! A recording of detections: a folder with `sensors.toml`, `odometry.csv` and `detections.csv`, as `docs/formats.md`
+//! says.
 //!
 //! What tells the truth lies beside them ([`truth`]) and is never opened here.
 

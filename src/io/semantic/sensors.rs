@@ -110,11 +110,15 @@ fn line_of(text: &str, error: &ConfigError) -> u64 {
 pub(super) fn write(sensors: &Sensors, mut out: impl Write) -> std::io::Result<()> {
     sensors.validate().map_err(|error| invalid(error.to_string()))?;
     let Pose { x, y, heading } = sensors.robot_from_sensor;
+    // One number says the same where wrong labels are equally likely.
+    let accuracy = sensors.confusion.first().and_then(|row| row.first()).copied();
+    let is_even = |accuracy| Sensors::new(sensors.classes.clone(), accuracy).confusion == sensors.confusion;
+    let label_accuracy = accuracy.filter(|&accuracy| is_even(accuracy));
     let file = SensorsFile {
         kind: sensors.kind,
         classes: sensors.classes.clone(),
-        label_accuracy: None,
-        confusion: Some(sensors.confusion.clone()),
+        label_accuracy,
+        confusion: label_accuracy.is_none().then(|| sensors.confusion.clone()),
         mounting: Mounting { x, y, heading },
         noise: sensors.noise,
         view: sensors.view,
@@ -122,5 +126,5 @@ pub(super) fn write(sensors: &Sensors, mut out: impl Write) -> std::io::Result<(
         odometry: sensors.odometry,
     };
     let text = toml::to_string(&file).map_err(|error| invalid(error.to_string()))?;
-    writeln!(out, "# Metres, radians, seconds; a row of the confusion matrix is a true class.\n{text}")
+    writeln!(out, "# Metres, radians, seconds: docs/formats.md of ipslam tells what each number is.\n{text}")
 }

@@ -1,7 +1,7 @@
 //! What is known about a recording besides what the robot knew: for scores, never for mapping.
 //!
-//! - `ids.csv`: `t,number,id`, which object a detection is; `number` counts the detections of a frame from 0, and `id` is empty
-//!   where nobody knows.
+//! - `ids.csv`: `t,number,id`, which object a detection is; `number` counts the detections of a frame from 0, and
+//!   `id` is empty where nobody knows.
 //! - `truth_landmarks.csv`: `id,class,x,y`, where the objects stand.
 //! - `truth.tum`: where the robot was ([`tum`](crate::io::tum)), in the frame of the objects.
 
