@@ -1,4 +1,4 @@
-//! Published recordings of landmarks, made recordings of detections ([`semantic`](super::semantic)).
+//! Published recordings of landmarks, made recordings of detections ([`semantic`]).
 //!
 //! Which landmark a detection is, these sets tell; it goes to a file of its own, and what is left is the class. Where
 //! the set has no classes, they are made up: landmarks take turns in the order of their numbers, and labels are wrong
