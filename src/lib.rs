@@ -68,7 +68,8 @@
 //! use ipslam::slam::Slam;
 //!
 //! let config = SlamConfig { particles: 4, maps: 4, ..SlamConfig::default() };
-//! let run = Run { max_scans: Some(300), smoothing: Some(config.smoother()), ..Run::of(&Simulation::building(1)) };
+//! let drive = Simulation::building(1);
+//! let run = Run { max_scans: Some(300), smoothing: Some(config.smoother()), ..Run::of(&drive) };
 //! let Outcome { result, counts, .. } = run.run(&mut Slam::new(config), &mut [], &mut |_| true)?;
 //!
 //! let walked = result.trajectory().last().map_or(0.0, |last| last.pose.position().coords.norm());
