@@ -87,8 +87,8 @@ mod tests {
 
     const SEED: u64 = 7;
 
-    /// Largest and mean error of a weight, and largest error of a log-likelihood, over 300 dense random blocks of 2 to 8
-    /// detections and 2 to 12 landmarks, with terms in a range of so many nats.
+    /// Largest and mean error of a weight, and largest error of a log-likelihood, over 300 dense random blocks of 2 to
+    /// 8 detections and 2 to 12 landmarks, with terms in a range of so many nats.
     fn errors(range: f64) -> [f64; 3] {
         let mut random = ChaCha8Rng::seed_from_u64(SEED);
         let (mut largest, mut sum, mut count, mut largest_log) = (0.0_f64, 0.0, 0.0, 0.0_f64);
@@ -107,8 +107,8 @@ mod tests {
         [largest, sum / count, largest_log]
     }
 
-    /// Largest errors are those where two detections fit two landmarks in both ways about equally well, and nothing else
-    /// is likely: the approximation of such a pair of assignments is the better one alone (2 x 2: Bethe's permanent is
+    /// Largest errors are those where two detections fit two landmarks in both ways about equally well, and nothing
+    /// else is likely: the approximation of such a pair of assignments is the better one alone (2 x 2: Bethe's permanent is
     /// the larger product).
     #[test]
     fn errors_are_as_documented() {

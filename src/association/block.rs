@@ -31,7 +31,7 @@ impl Block {
         Self::new(table, (0..table.nulls().len()).collect(), landmarks)
     }
 
-    /// The connected components of the graph whose edges are the possible pairs, in the order of their first detections.
+    /// The connected components of the graph whose edges are the possible pairs, in order of their first detections.
     /// Each detection is in one of them; a landmark that no detection can be is in none.
     pub fn components(table: &Table) -> Vec<Self> {
         // Union-find over the detections: a landmark joins all that it may have given rise to.
@@ -79,12 +79,12 @@ impl Block {
         rows.iter().all(|log| log.is_finite()).then(|| self.scaled(&rows, &vec![0.0; self.landmarks.len()]))
     }
 
-    /// Scaled so that the most likely assignment has weight 1, and no term of a row or column is larger; `None` where no
-    /// assignment is possible. Then no weight that matters can underflow.
+    /// Scaled so that the most likely assignment has weight 1, and no term is larger; `None` where no assignment is
+    /// possible. Then no weight that matters can underflow.
     ///
     /// The scales are the dual of the assignment problem: ln L_kj ≤ r_k + c_j, ln u_k ≤ r_k, 0 ≤ c_j, with equality for
-    /// what the best assignment takes. The c are the smallest that are possible: longest paths from 0, by as many rounds
-    /// as a path can have edges.
+    /// what the best assignment takes. The c are the smallest that are possible: longest paths from 0, by as many
+    /// rounds as a path can have edges.
     pub fn scaled_by_assignment(&self) -> Option<Scaled> {
         let best = optimal::assignment(self)?;
         let mut columns = vec![0.0; self.landmarks.len()];

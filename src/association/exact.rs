@@ -1,8 +1,8 @@
 //! All assignments of a block summed exactly, without enumeration.
 //!
 //! A programme over the sets of detections that are used, one landmark after the other. F_j(s) is the sum over the
-//! assignments of the first j landmarks that use exactly the detections s, and B_j(s) the sum over what the others can do
-//! with the rest:
+//! assignments of the first j landmarks that use exactly the detections s, and B_j(s) the sum over what the others can
+//! do with the rest:
 //!
 //! F_0(∅) = 1, F_{j+1}(s) = m_j F_j(s) + Σ_{k ∈ s} L_kj F_j(s \ k);
 //! B_M(s) = Π_{k ∉ s} u_k, B_j(s) = m_j B_{j+1}(s) + Σ_{k ∉ s} L_kj B_{j+1}(s ∪ k);

@@ -61,7 +61,8 @@ fn term(log: f64) -> f64 {
     if log < f64::INFINITY { log } else { f64::NEG_INFINITY }
 }
 
-/// ln p(class_k | π_j) = ln Σ_c π_j(c) C(class_k | c): how well a detected class fits a landmark whose class is uncertain.
+/// ln p(class_k | π_j) = ln Σ_c π_j(c) C(class_k | c): how well a detected class fits a landmark of
+/// uncertain class.
 ///
 /// `confusion` has a row per true class and a column per detected class, each row a distribution; `posterior` is π_j,
 /// which sums to one. -∞ where the class cannot be, or has no column.
