@@ -108,8 +108,8 @@ mod tests {
     }
 
     /// Largest errors are those where two detections fit two landmarks in both ways about equally well, and nothing
-    /// else is likely: the approximation of such a pair of assignments is the better one alone (2 x 2: Bethe's permanent is
-    /// the larger product).
+    /// else is likely: the approximation of such a pair of assignments is the better one alone (2 x 2: Bethe's permanent
+    /// is the larger product).
     #[test]
     fn errors_are_as_documented() {
         for (range, limits) in [(1.0, [0.06, 0.003, 0.3]), (3.0, [0.16, 0.005, 0.8]), (10.0, [0.45, 0.01, 1.3])] {

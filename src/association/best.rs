@@ -25,7 +25,7 @@ pub struct Assignment {
 ///
 /// Assignments that differ by less than 1e-12 K in log-likelihood may be left out in favour of each other; which ones
 /// is the same every time. Equal ones are in lexicographic order, none before the first landmark. Takes
-/// O(`count` K) assignment problems of K x (M + K).
+/// O(`count` K) assignment problems of K x (M + K), and memory O(`count` K²).
 pub fn best_assignments(table: &Table, count: usize) -> Vec<Assignment> {
     let block = Block::whole(table);
     let problem = Problem::new(&block);
