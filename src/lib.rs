@@ -35,6 +35,7 @@
 //! | [`math`] | logarithm, sine and cosine, the same on every device | |
 //! | [`random`] | draws that depend on seed, step, particle and draw number alone | |
 //! | [`ablation`] | the paper's own rules in place of ours | |
+//! | [`association`] | which detections of a frame show which landmarks | |
 //! | [`log`] | readings, and where they come from | |
 //! | [`ppca`] | the model of one cluster: fit, density, moments | III-A, eq. 7-13 |
 //! | [`scan`] | ranges to points in the robot's frame | |
@@ -81,6 +82,7 @@
 //! named `world_from_robot`. Units: metres, radians, seconds.
 
 pub mod ablation;
+pub mod association;
 pub mod clustering;
 pub mod config;
 pub mod evaluator;
