@@ -35,6 +35,7 @@
 //! | [`math`] | logarithm, sine and cosine, the same on every device | |
 //! | [`random`] | draws that depend on seed, step, particle and draw number alone | |
 //! | [`ablation`] | the paper's own rules in place of ours | |
+//! | [`association`] | which detections of a frame show which landmarks | |
 //! | [`log`] | readings, and where they come from | |
 //! | [`detections`] | what a detector of objects saw, with odometry beside it | |
 //! | [`ppca`] | the model of one cluster: fit, density, moments | III-A, eq. 7-13 |
@@ -69,7 +70,8 @@
 //! use ipslam::slam::Slam;
 //!
 //! let config = SlamConfig { particles: 4, maps: 4, ..SlamConfig::default() };
-//! let run = Run { max_scans: Some(300), smoothing: Some(config.smoother()), ..Run::of(&Simulation::building(1)) };
+//! let drive = Simulation::building(1);
+//! let run = Run { max_scans: Some(300), smoothing: Some(config.smoother()), ..Run::of(&drive) };
 //! let Outcome { result, counts, .. } = run.run(&mut Slam::new(config), &mut [], &mut |_| true)?;
 //!
 //! let walked = result.trajectory().last().map_or(0.0, |last| last.pose.position().coords.norm());
@@ -81,6 +83,7 @@
 //! named `world_from_robot`. Units: metres, radians, seconds.
 
 pub mod ablation;
+pub mod association;
 pub mod clustering;
 pub mod config;
 pub mod detections;

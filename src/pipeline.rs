@@ -71,11 +71,16 @@ pub enum End {
 }
 
 /// How far a run is.
-pub struct Progress<'a> {
-    /// Bytes of the log that are read, and all; `None` if the source is no file.
-    pub bytes: Option<(u64, u64)>,
-    /// What was counted until now.
-    pub counts: &'a Counts,
+pub enum Progress<'a> {
+    /// The estimator has an entry more.
+    Entry {
+        /// Bytes of the log that are read, and all; `None` if the source is no file.
+        bytes: Option<(u64, u64)>,
+        /// What was counted until now.
+        counts: &'a Counts,
+    },
+    /// The result is smoothed; the share that is done, 0 to 1.
+    Smoothing(f64),
 }
 
 impl<'a> Run<'a> {
@@ -84,7 +89,8 @@ impl<'a> Run<'a> {
         Self { source, skip: 0.0, max_scans: None, smoothing: None }
     }
 
-    /// Runs. `goes_on` is asked after each entry; where it says no, the run ends with what it has, unsmoothed.
+    /// Runs. `goes_on` is asked after each entry; where it says no, the run ends with what it has, unsmoothed. While the
+    /// result is smoothed its answer does not count.
     ///
     /// # Errors
     /// The log cannot be opened. One that breaks off is an [`End`], so that nothing found until then is lost.
@@ -126,7 +132,7 @@ impl<'a> Run<'a> {
             };
             observe(&Event::Entry(&entry));
             estimator.add(&entry, &mut observe);
-            if !goes_on(Progress { bytes: reader.progress(), counts: &counts }) {
+            if !goes_on(Progress::Entry { bytes: reader.progress(), counts: &counts }) {
                 break End::Interrupted;
             }
         };
@@ -134,7 +140,9 @@ impl<'a> Run<'a> {
         let mut result = estimator.result();
         let began = Instant::now();
         let smoothing = self.smoothing.filter(|_| !matches!(end, End::Interrupted));
-        let smoothed = smoothing.map_or(Ok(()), |smoother| smoother.smooth(self.source, &mut result));
+        let smoothed = smoothing.map_or(Ok(()), |smoother| {
+            smoother.smooth(self.source, &mut result, &mut |share| _ = goes_on(Progress::Smoothing(share)))
+        });
         let smoothing_seconds = began.elapsed().as_secs_f64();
         let finished = Event::Finished { result: &result, is_smoothed: smoothing.is_some() && smoothed.is_ok() };
         observers.iter_mut().for_each(|observer| observer.on_event(&finished));

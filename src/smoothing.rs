@@ -73,21 +73,33 @@ const ITERATIONS: u32 = 5;
 
 impl Smoother {
     /// Smooths the result of a run of this log in place. Frames stay: the world's origin is still the first pose of the
-    /// filter. A result without poses or without clusters stays as it is.
+    /// filter. A result without poses or without clusters stays as it is. `progress` is handed the share that is done, 0 to 1.
     ///
     /// # Errors
     /// The log cannot be read again to the last pose of the result; the result is then that of the passes before.
-    pub fn smooth(&self, source: &dyn LogSource, result: &mut RunResult) -> Result<(), LogError> {
-        for pass in 1..=self.smoothing.passes {
-            let support = match_scans(source, result, self)?;
-            result.map.clusters = refit(&support, self, pass == self.smoothing.passes);
+    pub fn smooth(
+        &self,
+        source: &dyn LogSource,
+        result: &mut RunResult,
+        progress: &mut dyn FnMut(f64),
+    ) -> Result<(), LogError> {
+        let passes = self.smoothing.passes;
+        for pass in 0..passes {
+            let mut progress = |share| progress((pass as f64 + share) / passes as f64);
+            let support = match_scans(source, result, self, &mut progress)?;
+            result.map.clusters = refit(&support, self, pass + 1 == passes);
         }
         Ok(())
     }
 }
 
 /// Moves every scan to where the map wants it, and gathers what each cluster then explains.
-fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Smoother) -> Result<Vec<Support>, LogError> {
+fn match_scans(
+    source: &dyn LogSource,
+    result: &mut RunResult,
+    config: &Smoother,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Vec<Support>, LogError> {
     let before: Vec<Pose> = result.poses.iter().map(|estimate| estimate.world_from_robot.unwrap_or_default()).collect();
     let mut support = vec![Support::default(); result.map.clusters.len()];
     let mut is_laser = vec![false; before.len()];
@@ -109,6 +121,7 @@ fn match_scans(source: &dyn LogSource, result: &mut RunResult, config: &Smoother
         }
         if batch.len() == BATCH {
             place(&mut batch, result);
+            progress(index as f64 / before.len() as f64);
         }
     }
     place(&mut batch, result);

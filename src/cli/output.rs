@@ -1,9 +1,10 @@
 //! The files of a run. One that cannot be written does not keep the others from being written.
 
+use super::progress::Bar;
 use super::say::say;
 use anyhow::{Context as _, bail};
 use ipslam::geometry::StampedPose;
-use ipslam::grid::{FreeArea, GridBuilder, RESOLUTION};
+use ipslam::grid::{FreeArea, GridBuilder};
 use ipslam::io::{geojson, map_json, map_server, tum, write_whole};
 use ipslam::log::{LogEntry, LogSource, readings};
 use ipslam::map::LineMap;
@@ -139,17 +140,18 @@ impl Outputs {
     /// Reads the log again for its points, as far as it was mapped; writes the map with its free area, the grid and the
     /// walls, and draws the pictures. Returns the size of `map.json` in bytes.
     ///
-    /// `reference` is in the world's frame.
+    /// `reference` is in the world's frame, `cell_size` the side of a cell of the grid [m].
     pub fn look_again(
         &mut self,
         source: &dyn LogSource,
         scan_config: &ScanConfig,
         mapped: &Outcome,
         reference: &[StampedPose],
+        cell_size: f64,
     ) -> usize {
         let result = &mapped.result;
         let mut figures = Figures::new(source.name(), result, reference);
-        let mut builder = GridBuilder::new(RESOLUTION);
+        let mut builder = GridBuilder::new(cell_size);
         let added = add_scans(&mut figures, &mut builder, source, scan_config, mapped);
         self.note(added.context("the log cannot be read again for the grid and the pictures"));
         let driven = result.relied_on().map(|(_, pose)| pose.position());
@@ -198,13 +200,16 @@ fn add_scans(
     scan_config: &ScanConfig,
     mapped: &Outcome,
 ) -> anyhow::Result<()> {
-    for (reading, estimate) in readings(source)?.zip(&mapped.result.poses) {
+    let mut bar = Bar::new(Some(mapped.result.poses.len() as u64));
+    for (done, (reading, estimate)) in (0..).zip(readings(source)?.zip(&mapped.result.poses)) {
+        bar.update(done, |_| "grid and pictures".to_owned());
         if let ((_, LogEntry::Laser(reading)), Some(pose)) = (reading?, estimate.relied_on()) {
             let scan = Scan::from_reading(&reading, scan_config);
             figures.add_scan(&scan, estimate.odom_from_robot, pose);
             builder.add_scan(&scan, reading.robot_from_laser, pose);
         }
     }
+    bar.finish();
     Ok(())
 }
 

@@ -4,11 +4,13 @@ use super::interrupt;
 use super::say::say;
 use indicatif::{ProgressBar, ProgressStyle};
 use ipslam::log::LogError;
-use ipslam::pipeline::{Counts, Outcome, Run};
+use ipslam::pipeline::{Counts, Outcome, Progress, Run};
 use ipslam::report::{Estimator, Observer};
 use std::time::{Duration, Instant};
 
 const EVERY: Duration = Duration::from_millis(100);
+/// Parts of a whole whose size is not known.
+const PERMILLE: u64 = 1000;
 
 /// Runs a log with a bar on stderr, until it ends or the user wants no more; `message` says how the filter does after so
 /// many seconds.
@@ -18,30 +20,39 @@ pub fn run_with_bar(
     observers: &mut [Box<dyn Observer + '_>],
     message: impl Fn(&Counts, f64) -> String,
 ) -> Result<Outcome, LogError> {
-    let mut bar = None;
+    let (mut bar, mut smoothing) = (None, None);
     let outcome = run.run(estimator, observers, &mut |progress| {
-        let bar = bar.get_or_insert_with(|| Progress::new(progress.bytes.map(|(_, all)| all)));
-        let done = progress.bytes.map_or(progress.counts.scans, |(done, _)| done);
-        bar.update(done, |seconds| message(progress.counts, seconds));
+        match progress {
+            Progress::Entry { bytes, counts } => {
+                let bar = bar.get_or_insert_with(|| Bar::new(bytes.map(|(_, all)| all)));
+                let done = bytes.map_or(counts.scans, |(done, _)| done);
+                bar.update(done, |seconds| message(counts, seconds));
+            }
+            Progress::Smoothing(share) => {
+                bar.take().into_iter().for_each(Bar::finish);
+                let bar = smoothing.get_or_insert_with(|| Bar::new(Some(PERMILLE)));
+                bar.update((share * PERMILLE as f64) as u64, |_| "smoothing".to_owned());
+            }
+        }
         !interrupt::happened()
     });
     if interrupt::happened() {
         say!("interrupted: writing what was done until now; again to stop at once");
     }
-    bar.into_iter().for_each(Progress::finish);
+    bar.into_iter().chain(smoothing).for_each(Bar::finish);
     outcome
 }
 
 /// A bar on stderr.
-struct Progress {
+pub struct Bar {
     bar: ProgressBar,
     began: Instant,
     updated: Instant,
 }
 
-impl Progress {
+impl Bar {
     /// A bar for a log of so many bytes or entries, or a spinner where that is not known.
-    fn new(length: Option<u64>) -> Self {
+    pub fn new(length: Option<u64>) -> Self {
         let bar = length.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
         let parts =
             if length.is_some() { "{bar:12} {percent:>3} % {elapsed}, {eta} left" } else { "{spinner} {elapsed}" };
@@ -53,7 +64,7 @@ impl Progress {
     }
 
     /// Shows where the run is; what is said besides may depend on the seconds since it began.
-    fn update(&mut self, done: u64, message: impl FnOnce(f64) -> String) {
+    pub fn update(&mut self, done: u64, message: impl FnOnce(f64) -> String) {
         if self.updated.elapsed() < EVERY || self.bar.is_hidden() {
             return;
         }
@@ -64,7 +75,7 @@ impl Progress {
     }
 
     /// Takes the bar away.
-    fn finish(self) {
+    pub fn finish(self) {
         self.bar.finish_and_clear();
     }
 }

@@ -58,6 +58,7 @@ mod with_recorder {
     use super::ReplayArgs;
     use anyhow::{bail, ensure};
     use ipslam::config::{Config, SlamConfig};
+    use ipslam::grid::RESOLUTION;
     use ipslam::log::LogSource as _;
     use ipslam::pipeline::{Outcome, RunInfo};
     use ipslam::record::rerun::RerunObserver;
@@ -110,6 +111,7 @@ mod with_recorder {
             config: &config,
             max_scans: None,
             truth: &truth,
+            cell_size: RESOLUTION,
             smooth,
             quiet: args.json,
         };

@@ -13,6 +13,7 @@ use super::truth::{Truth, TruthArgs};
 use anyhow::{Context as _, anyhow};
 use ipslam::config::{Config, SlamConfig};
 use ipslam::evaluator::Evaluator;
+use ipslam::grid::RESOLUTION;
 use ipslam::log::LogSource;
 use ipslam::pipeline::{Counts, End, Outcome, Run, RunInfo};
 use ipslam::report::Observer;
@@ -40,9 +41,24 @@ pub struct RunArgs {
     #[command(flatten)]
     truth: TruthArgs,
     #[command(flatten)]
+    grid: GridArgs,
+    #[command(flatten)]
     backend: BackendArgs,
     #[command(flatten)]
     recording: RecordingArgs,
+}
+
+/// The grid that is written.
+#[derive(Debug, clap::Args)]
+pub struct GridArgs {
+    /// Side of a cell of the occupancy grid [m]
+    #[arg(long, value_name = "METRES", default_value_t = RESOLUTION, value_parser = cell_size)]
+    pub cell_size: f64,
+}
+
+fn cell_size(text: &str) -> Result<f64, String> {
+    let size = text.parse().ok().filter(|size| (1e-3..=10.0).contains(size));
+    size.ok_or_else(|| "a number of metres from 0.001 to 10 is needed".to_owned())
 }
 
 /// How many threads work.
@@ -79,6 +95,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         config: &config,
         max_scans: args.max_scans,
         truth: &truth,
+        cell_size: args.grid.cell_size,
         smooth: true,
         quiet: false,
     };
@@ -110,6 +127,8 @@ pub struct Job<'a> {
     /// End after so many laser readings.
     pub max_scans: Option<u64>,
     pub truth: &'a Truth<'a>,
+    /// Side of a cell of the grid [m].
+    pub cell_size: f64,
     /// Whether the result is smoothed.
     pub smooth: bool,
     /// Whether the summary stays in its file.
@@ -153,7 +172,7 @@ impl Job<'_> {
         outputs.write("config.toml", toml::to_string(config)?.as_bytes());
         let (report, truth) = self.truth.score(&trajectory_path, &trajectory, &mapped.truth);
         let began = Instant::now();
-        let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth);
+        let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth, self.cell_size);
         let drawing_seconds = began.elapsed().as_secs_f64();
         let summary = Summary { name, device, mapped, config, map_bytes, drawing_seconds, report: &report };
         outputs.write("summary.json", format!("{:#}\n", summary.json()?).as_bytes());

@@ -8,6 +8,7 @@ use super::{Cell, GridError, MOST_CELLS, OccupancyGrid};
 use crate::geometry::Pose;
 use crate::scan::Scan;
 use nalgebra::Point2;
+use std::collections::HashMap;
 
 /// A cell is occupied where at least this share of the beams that reach it end there. Beams that graze a wall, and
 /// poses a few centimetres off, take many through cells that are wall, so it is less than half.
@@ -58,24 +59,14 @@ struct Extent {
 }
 
 impl Extent {
-    fn of_cell(at: [i64; 2]) -> Self {
-        Self { min: at, max: at.map(|i| i + 1) }
-    }
-
-    fn union(self, other: Self) -> Self {
+    fn with(self, at: [i64; 2]) -> Self {
         if self == Self::default() {
-            return other;
+            return Self { min: at, max: at.map(|i| i + 1) };
         }
-        let pairs = |a: [i64; 2], b: [i64; 2], f: fn(i64, i64) -> i64| [f(a[0], b[0]), f(a[1], b[1])];
-        Self { min: pairs(self.min, other.min, i64::min), max: pairs(self.max, other.max, i64::max) }
-    }
-
-    /// Half as much again in each direction, so that a growing grid is seldom copied.
-    fn padded(self) -> Self {
-        let [width, height] = self.size().map(|side| side / 4);
-        let [left, bottom] = self.min;
-        let [right, top] = self.max;
-        Self { min: [left - width, bottom - height], max: [right + width, top + height] }
+        Self {
+            min: [0, 1].map(|axis| self.min[axis].min(at[axis])),
+            max: [0, 1].map(|axis| self.max[axis].max(at[axis] + 1)),
+        }
     }
 
     fn size(self) -> [i64; 2] {
@@ -86,89 +77,141 @@ impl Extent {
         let [width, height] = self.size().map(|side| side.max(0) as u64);
         width.saturating_mul(height)
     }
+}
 
-    fn index(self, at: [i64; 2]) -> usize {
-        ((at[1] - self.min[1]) * self.size()[0] + at[0] - self.min[0]) as usize
+/// Side of a tile in cells. Only tiles that a beam passes take memory.
+const TILE: i64 = 32;
+/// One beam that comes from far away may be anything. A grid reaches to where the robot was, one tile further, and to
+/// every tile in which so many beams ended.
+const WELL_SEEN: u32 = 3;
+/// A beam that passes more cells is longer than the largest square grid is wide, and counts as one without return.
+const LONGEST_BEAM: f64 = 10_000.0;
+
+/// A square of cells.
+struct Tile {
+    at: [i64; 2],
+    counts: [Counts; (TILE * TILE) as usize],
+    /// Beams that ended here.
+    ends: u32,
+    /// The robot was here or in a tile beside it.
+    is_near: bool,
+}
+
+impl Tile {
+    /// Cells in which a beam ended.
+    fn ends(&self) -> impl Iterator<Item = [i64; 2]> {
+        let [left, bottom] = self.at.map(|i| i * TILE);
+        let hit = (0..).zip(&self.counts).filter(|(_, counts)| counts.hits > 0);
+        hit.map(move |(index, _)| [left + index % TILE, bottom + index / TILE])
     }
+}
+
+/// The tile of a cell, and the cell's place in it.
+fn place(at: [i64; 2]) -> ([i64; 2], usize) {
+    let [column, row] = at.map(|i| i.rem_euclid(TILE));
+    (at.map(|i| i.div_euclid(TILE)), (row * TILE + column) as usize)
 }
 
 /// Gathers scans and makes an [`OccupancyGrid`] of them, its axes those of the world.
 pub struct GridBuilder {
     resolution: f64,
-    counts: Vec<Counts>,
-    /// What `counts` holds, row by row.
-    allotted: Extent,
-    /// What the scans reached.
-    seen: Extent,
+    tiles: Vec<Tile>,
+    /// Where in `tiles` a tile is.
+    index: HashMap<[i64; 2], usize>,
+    /// Cells where the laser was.
+    driven: Extent,
+    /// All cells that beams ended in, well seen or not.
+    reached: Extent,
 }
 
 impl GridBuilder {
     /// A builder that has seen nothing; `resolution` is the side of a cell \[m\].
     pub fn new(resolution: f64) -> Self {
-        Self { resolution, counts: Vec::new(), allotted: Extent::default(), seen: Extent::default() }
+        let (driven, reached) = Default::default();
+        Self { resolution, tiles: Vec::new(), index: HashMap::new(), driven, reached }
     }
 
-    /// Adds the beams of a scan that had a return. What is not finite is left out, and once the grid became too large so is everything.
+    /// Adds the beams of a scan that had a return. What is not finite is left out, and once the grid became too large so
+    /// is everything.
     pub fn add_scan(&mut self, scan: &Scan, robot_from_laser: Pose, world_from_robot: Pose) {
         let laser = (world_from_robot * robot_from_laser).position() / self.resolution;
-        if !has_cell(laser) {
+        if !has_cell(laser) || self.is_full() {
             return;
         }
-        let ends = scan.points.iter().map(|&point| world_from_robot * point / self.resolution);
-        let ends: Vec<Point2<f64>> = ends.filter(|&end| has_cell(end)).collect();
-        let reached = ends.iter().map(|&end| Extent::of_cell(cell_of(end)));
-        self.seen = reached.fold(self.seen.union(Extent::of_cell(cell_of(laser))), Extent::union);
-        if self.seen.cells() > MOST_CELLS {
-            self.counts = Vec::new();
-            return;
+        let at = cell_of(laser);
+        self.driven = self.driven.with(at);
+        let ([column, row], _) = place(at);
+        for (x, y) in (-1..=1).flat_map(|x| (-1..=1).map(move |y| (x, y))) {
+            let tile = self.tile([column + x, row + y]);
+            self.tiles[tile].is_near = true;
         }
-        self.allot();
-        for end in ends {
-            traverse(laser, end, |at| self.counts[self.allotted.index(at)].pass());
-            self.counts[self.allotted.index(cell_of(end))].hit();
+        for &point in &scan.points {
+            let end = world_from_robot * point / self.resolution;
+            if has_cell(end) && nalgebra::distance(&laser, &end) <= LONGEST_BEAM {
+                self.add_beam(laser, end);
+            }
         }
     }
 
-    /// The grid of all scans so far, as small as it can be.
+    fn add_beam(&mut self, laser: Point2<f64>, end: Point2<f64>) {
+        // The next cell mostly lies in the same tile.
+        let mut last = None;
+        traverse(laser, end, |cell| {
+            let (at, cell) = place(cell);
+            let tile = match last {
+                Some((last_at, tile)) if last_at == at => tile,
+                _ => self.tile(at),
+            };
+            last = Some((at, tile));
+            self.tiles[tile].counts[cell].pass();
+        });
+        self.reached = self.reached.with(cell_of(end));
+        let (at, cell) = place(cell_of(end));
+        let tile = self.tile(at);
+        let tile = &mut self.tiles[tile];
+        tile.counts[cell].hit();
+        tile.ends = tile.ends.saturating_add(1);
+    }
+
+    /// Where in `tiles` this tile is; it is made where it is missing.
+    fn tile(&mut self, at: [i64; 2]) -> usize {
+        *self.index.entry(at).or_insert_with(|| {
+            let counts = [Counts::default(); (TILE * TILE) as usize];
+            self.tiles.push(Tile { at, counts, ends: 0, is_near: false });
+            self.tiles.len() - 1
+        })
+    }
+
+    /// Whether beams passed so many tiles that no grid can be made of them.
+    fn is_full(&self) -> bool {
+        self.tiles.len() as u64 > MOST_CELLS / (TILE * TILE) as u64
+    }
+
+    /// The grid of all scans so far, as small as it can be: it reaches to where the robot was and what is near, and to what
+    /// three beams saw.
     ///
     /// # Errors
     /// It would have too many cells, or there was no scan.
     pub fn finish(self) -> Result<OccupancyGrid, GridError> {
-        let [width, height] = self.seen.size();
-        if self.seen.cells() > MOST_CELLS {
-            let [width, height] = [width, height].map(|side| side as f64 * self.resolution);
+        let well_seen = self.tiles.iter().filter(|tile| tile.is_near || tile.ends >= WELL_SEEN);
+        let extent = well_seen.flat_map(Tile::ends).fold(self.driven, Extent::with);
+        let extent = if self.is_full() { self.reached } else { extent };
+        if self.is_full() || extent.cells() > MOST_CELLS {
+            let [width, height] = extent.size().map(|side| side as f64 * self.resolution);
             return Err(GridError::TooLarge { width, height, resolution: self.resolution });
         }
-        if self.seen.cells() == 0 {
+        if extent.cells() == 0 {
             return Err(GridError::Empty);
         }
-        let [left, bottom] = self.seen.min;
-        let row = |j| {
-            let start = self.allotted.index([left, bottom + j]);
-            self.counts[start..start + width as usize].iter().map(|counts| counts.cell())
+        let [left, bottom] = extent.min;
+        let ([right, top], [width, height]) = (extent.max, extent.size());
+        let cell = |at: [i64; 2]| {
+            let (tile, cell) = place(at);
+            self.index.get(&tile).map_or(Cell::Unknown, |&tile| self.tiles[tile].counts[cell].cell())
         };
-        let cells = (0..height).flat_map(row).collect();
+        let cells = (bottom..top).flat_map(|row| (left..right).map(move |column| [column, row])).map(cell).collect();
         let corner = Pose::new(left as f64 * self.resolution, bottom as f64 * self.resolution, 0.0);
         OccupancyGrid::new(self.resolution, corner, width as u32, height as u32, cells)
-    }
-
-    /// Makes room for all that was seen.
-    fn allot(&mut self) {
-        if self.allotted.union(self.seen) == self.allotted {
-            return;
-        }
-        let old = self.allotted;
-        let roomy = self.seen.padded().union(old);
-        self.allotted = if roomy.cells() <= MOST_CELLS { roomy } else { self.seen.union(old) };
-        let mut counts = vec![Counts::default(); self.allotted.cells() as usize];
-        let width = old.size()[0] as usize;
-        if width > 0 {
-            for (row, from) in self.counts.chunks_exact(width).enumerate() {
-                let start = self.allotted.index([old.min[0], old.min[1] + row as i64]);
-                counts[start..start + width].copy_from_slice(from);
-            }
-        }
-        self.counts = counts;
     }
 }
 

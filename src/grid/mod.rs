@@ -50,7 +50,7 @@ pub enum GridError {
     /// It would have too many cells.
     #[error(
         "a grid of {width:.0} x {height:.0} m in cells of {resolution} m has more than {MOST_CELLS} cells; choose larger \
-         cells, or look for poses and ranges that are far off"
+         cells (--cell-size), or look for poses and ranges that are far off"
     )]
     TooLarge {
         /// Width \[m\].

@@ -57,7 +57,7 @@ fn a_minute_in_the_building_stays_close_to_the_truth() {
     assert!(absolute_error(&wrong, &truth) > ALLOWED, "a torn trajectory goes unnoticed");
 
     let clusters = result.map.clusters.len();
-    few_maps().smoother().smooth(&simulation, &mut result).unwrap();
+    few_maps().smoother().smooth(&simulation, &mut result, &mut |_| {}).unwrap();
     let after = absolute_error(&result.trajectory(), &truth);
     println!(
         "seed {SEED}: ATE {before:.4} m, smoothed {after:.4} m; {clusters} clusters, then {}",
@@ -97,7 +97,7 @@ fn threads_change_nothing() {
         pool.install(|| {
             let config = SlamConfig { seed, ..few_maps() };
             let mut result = run(&simulation, config);
-            config.smoother().smooth(&simulation, &mut result).unwrap();
+            config.smoother().smooth(&simulation, &mut result, &mut |_| {}).unwrap();
             result
         })
     };

@@ -130,6 +130,21 @@ fn builder_of(lengths: &[f64]) -> OccupancyGrid {
     builder.finish().unwrap()
 }
 
+/// One beam that comes from far away may be anything; three of them are a wall.
+#[test]
+fn a_grid_reaches_to_what_is_well_seen() {
+    let width = |beams: usize, range: f64| {
+        let mut points = vec![Point2::new(1.0, 0.0)];
+        points.extend((0..beams).map(|beam| Point2::new(range, 0.2 * beam as f64)));
+        let mut builder = GridBuilder::new(0.1);
+        builder.add_scan(&Scan { points, ..Scan::default() }, Pose::IDENTITY, Pose::new(0.05, 0.05, 0.0));
+        builder.finish().unwrap().width()
+    };
+    assert_eq!([0, 1, 2, 3].map(|beams| width(beams, 500.0)), [11, 11, 11, 5001]);
+    // Longer than any grid is wide.
+    assert_eq!(width(3, 5000.0), 11);
+}
+
 #[test]
 fn what_is_absurd_makes_no_grid() {
     let far = Scan { points: vec![Point2::new(1.0, 0.0)], ..Scan::default() };

@@ -6,6 +6,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helpers may fail as a test does")]
 
 mod anderson_darling;
+mod association;
 mod clustering;
 mod drive;
 mod evaluator;

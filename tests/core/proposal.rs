@@ -7,7 +7,7 @@ use ipslam::evaluator::cpu::propagate_all;
 use ipslam::evaluator::pose::LocalPose;
 use ipslam::evaluator::table::ClusterTable;
 use ipslam::evaluator::tiles::{Tile, tiles};
-use ipslam::evaluator::{Propagation, Proposal, Scene, Start};
+use ipslam::evaluator::{Mode, Propagation, Proposal, Scene, Start};
 use ipslam::geometry::Pose;
 use ipslam::likelihood::LikelihoodConfig;
 use ipslam::map::{Map, MapCluster, Pool};
@@ -107,16 +107,49 @@ fn climbs_to_where_the_scan_was_taken() {
     assert!(off(climbed(truth, CAPTURE, &elsewhere), truth).0 > 1e-2);
 }
 
-/// Where the scan says nothing, the prior decides; where it says something, a strong prior holds against it.
+/// Where the scan says nothing, the prior decides; where both speak, the mode lies between them, as Cauchy's density has
+/// it; where they differ beyond reason, the scan wins.
 #[test]
 fn the_prior_counts() {
-    let (truth, expected) = (Pose::new(2.2, 1.7, 0.9), Pose::new(2.25, 1.75, 0.92));
-    let start = Pose::new(2.21, 1.69, 0.91);
-    for (tiles, information) in [(vec![], 1.0), (tiles(&scan(truth), usize::MAX), 1e12)] {
-        let found =
-            propose(start, (expected, information), CAPTURE, 1.0, 1, &tiles)[0].mode.pose.in_world(Point2::origin());
-        let (position, heading) = off(found, expected);
-        assert!(position < 1e-3 && heading < 1e-3, "{found:?}, not {expected:?}");
+    let truth = Pose::new(2.2, 1.7, 0.9);
+    let seen = tiles(&scan(truth), usize::MAX);
+    let found = |expected: Pose, information: f32, tiles: &[Tile]| {
+        let start = Pose::new(2.21, 1.69, 0.91);
+        propose(start, (expected, information), CAPTURE, 1.0, 1, tiles)[0].mode
+    };
+    let pose = |mode: Mode| mode.pose.in_world(Point2::origin());
+
+    let far = Pose::new(2.25, 1.75, 0.92);
+    let (position, heading) = off(pose(found(far, 1.0, &[])), far);
+    assert!(position < 1e-3 && heading < 1e-3, "without a scan {position} m, {heading} rad off the prior");
+    let (position, heading) = off(pose(found(far, 1e12, &seen)), truth);
+    assert!(position < 1e-3 && heading < 1e-3, "a prior that cannot be true pulls by {position} m, {heading} rad");
+
+    // By the robot's axes at the truth; the scan's own mode and information are those without a prior.
+    let alone = found(truth, 1e-3, &seen);
+    let scan_information = unpacked(alone.information);
+    let mode_alone = pose(alone);
+    let offset = |pose: Pose| {
+        let off = pose.seen_from(mode_alone);
+        Vector3::new(off.x, off.y, off.heading)
+    };
+    let expected = truth * Pose::new(2e-3, -1e-3, 1e-3);
+    // The mode that a prior with this information makes, by weighted least squares until the weight settles.
+    let between = |information: f64| {
+        let mut mode = Vector3::zeros();
+        for _ in 0..200 {
+            let distance2 = information * (offset(expected) - mode).norm_squared();
+            let weighted = information / (1.0 + distance2 / 5.68775);
+            let sum = scan_information + Matrix3::identity() * weighted;
+            mode = sum.try_inverse().unwrap() * offset(expected) * weighted;
+        }
+        mode
+    };
+    for information in [1e5f32, 1e6, 4e6] {
+        let mode = offset(pose(found(expected, information, &seen)));
+        let error = |information: f64| (mode - between(information)).norm();
+        assert!(error(f64::from(information)) < 5e-5, "information {information}: {mode}");
+        assert!(error(0.5 * f64::from(information)) > 5e-5, "half the information goes unnoticed");
     }
 }
 

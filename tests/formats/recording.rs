@@ -225,7 +225,7 @@ fn steps_come_back() {
     }
 
     let seconds = recording.scalars(blueprint::SECONDS);
-    assert_eq!(seconds[3], (3, vec![0.1, 0.2, 0.3, 0.5, 0.6, 3.7]));
+    assert_eq!(seconds[3], (3, vec![0.1, 0.2, 0.3, 0.5, 0.55, 0.6, 3.7]));
     assert_eq!(seconds.len(), 5);
     let sizes = recording.scalars(blueprint::EFFECTIVE_SAMPLE_SIZE);
     assert_eq!(sizes, [1.5, 2.5, 3.5, 4.5, 5.5].map(|size| (size as i64 - 1, vec![size])));

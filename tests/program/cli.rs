@@ -269,14 +269,14 @@ fn threads_do_not_matter_and_seeds_do() {
 fn options_win_over_the_file_and_the_file_over_the_preset() {
     let place = Place::new();
     place.write("drive.log", drive(1.0).1);
-    place.write("my.toml", "particles = 6\nmaps = 6\nseed = 7\n[likelihood]\ntemper = 0.25\n");
+    place.write("my.toml", "particles = 6\nmaps = 6\nseed = 7\n[filter]\ntemper = 0.25\n");
     let words = ["run", "drive.log", "--preset", "paper", "--config", "my.toml", "--maps", "2", "--max-scans", "3"];
     place.ipslam(&words).ended(0);
     let summary = place.summary("ipslam-out/drive");
     let configuration = &summary["configuration"];
     let found = [&configuration["particles"], &configuration["maps"], &configuration["seed"]].map(Value::as_u64);
     assert_eq!(found, [Some(2), Some(2), Some(7)], "one pose a map, as in the file");
-    assert_eq!(configuration["likelihood"]["temper"], 0.25);
+    assert_eq!(configuration["filter"]["temper"], 0.25);
     assert_eq!(configuration["matching"]["rule"], "paper", "the preset's");
     assert_eq!(configuration["clustering"]["max_gap"], "inf", "the preset's");
     assert_eq!(summary["beams"]["scans"], 3);
@@ -286,7 +286,7 @@ fn options_win_over_the_file_and_the_file_over_the_preset() {
 fn wrong_usage_ends_with_2() {
     let place = Place::new();
     place.write("key.toml", "[filter]\nresample_bellow = 0.5\n");
-    place.write("value.toml", "[likelihood]\ntemper = -1\n");
+    place.write("value.toml", "[filter]\ntemper = -1\n");
     place.write("nan.toml", "[motion]\nheading_floor = nan\n");
     place.write("type.toml", "seed = \"one\"\n");
     place.write("binary.toml", "\u{1}\u{2}");
@@ -305,7 +305,7 @@ fn wrong_usage_ends_with_2() {
         (&["run", "--max-scans", "0"], &["--max-scans"]),
         (&["run", "--preset", "best"], &["--preset", "paper"]),
         (&["run", "--config", "key.toml"], &["key.toml", "line 2", "resample_bellow", "resample_below"]),
-        (&["run", "--config", "value.toml"], &["likelihood.temper is -1"]),
+        (&["run", "--config", "value.toml"], &["filter.temper is -1"]),
         (&["run", "--config", "nan.toml"], &["motion.heading_floor is nan"]),
         (&["run", "--config", "type.toml"], &["type.toml", "line 1", "seed"]),
         (&["run", "--config", "binary.toml"], &["binary.toml", "line 1"]),

@@ -19,7 +19,7 @@ fn simulated(seconds: &str) -> tempfile::TempDir {
     place
 }
 
-const RUN: [&str; 8] = ["run", "building.log", "--maps", "4", "--particles", "4", "--backend", "cpu"];
+const RUN: [&str; 8] = ["run", "building-seed1.log", "--maps", "4", "--particles", "4", "--backend", "cpu"];
 
 #[cfg(all(unix, feature = "record"))]
 fn text(done: &Output) -> String {
@@ -31,11 +31,11 @@ fn text(done: &Output) -> String {
 #[test]
 fn a_run_does_not_record_onto_its_log() {
     let place = simulated("2");
-    let log = place.path().join("building.log");
+    let log = place.path().join("building-seed1.log");
     let before = std::fs::read(&log).unwrap();
     std::os::unix::fs::symlink(&log, place.path().join("link")).unwrap();
     std::fs::hard_link(&log, place.path().join("hard")).unwrap();
-    for name in ["building.log", "./building.log", "link", "hard"] {
+    for name in ["building-seed1.log", "./building-seed1.log", "link", "hard"] {
         let done = ipslam(place.path(), &[&RUN[..], &["--record", name]].concat()).output().unwrap();
         assert_eq!(done.status.code(), Some(1), "{name}");
         assert!(text(&done).contains("is read by the run"), "{name}: {}", text(&done));
@@ -61,7 +61,7 @@ fn a_reader_that_is_gone_ends_no_run() {
     let full = || std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
     let status = ipslam(place.path(), &RUN).stderr(full()).stdout(full()).status().unwrap();
     assert_eq!(status.code(), Some(0));
-    assert!(place.path().join("ipslam-out/building/summary.json").is_file());
+    assert!(place.path().join("ipslam-out/building-seed1/summary.json").is_file());
     for words in [&RUN[..], &["devices"], &["simulate", "--out", "again", "--duration", "1"]] {
         let mut child = ipslam(place.path(), words).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         drop((child.stderr.take(), child.stdout.take()));
@@ -80,7 +80,18 @@ fn an_ignored_signal_stays_ignored() {
             .current_dir(place.path())
             .args(["-c", &script])
             .arg(cargo_bin("ipslam"))
-            .args(["run", "building.log", "--maps", "32", "--particles", "32", "--backend", "cpu", "--out", signal])
+            .args([
+                "run",
+                "building-seed1.log",
+                "--maps",
+                "32",
+                "--particles",
+                "32",
+                "--backend",
+                "cpu",
+                "--out",
+                signal,
+            ])
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()

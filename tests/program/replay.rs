@@ -177,7 +177,7 @@ fn a_killed_run_leaves_all_but_its_last_second() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["child_that_records", "--exact", "--nocapture"])
+        .args(["replay::child_that_records", "--exact", "--nocapture"])
         .env("IPSLAM_TEST_RECORD_TO", &path)
         .stdout(Stdio::piped())
         .spawn()
