@@ -277,7 +277,7 @@ fn options_win_over_the_file_and_the_file_over_the_preset() {
     let found = [&configuration["particles"], &configuration["maps"], &configuration["seed"]].map(Value::as_u64);
     assert_eq!(found, [Some(2), Some(2), Some(7)], "one pose a map, as in the file");
     assert_eq!(configuration["filter"]["temper"], 0.25);
-    assert_eq!(configuration["matching"]["rule"], "paper", "the preset's");
+    assert_eq!(configuration["ablation"]["matching"], "paper", "the preset's");
     assert_eq!(configuration["clustering"]["max_gap"], "inf", "the preset's");
     assert_eq!(summary["beams"]["scans"], 3);
 }
@@ -306,7 +306,7 @@ fn wrong_usage_ends_with_2() {
         (&["run", "--preset", "best"], &["--preset", "paper"]),
         (&["run", "--config", "key.toml"], &["key.toml", "line 2", "resample_bellow", "resample_below"]),
         (&["run", "--config", "value.toml"], &["filter.temper is -1"]),
-        (&["run", "--config", "nan.toml"], &["motion.heading_floor is nan"]),
+        (&["run", "--config", "nan.toml"], &["motion.heading_floor is NaN"]),
         (&["run", "--config", "type.toml"], &["type.toml", "line 1", "seed"]),
         (&["run", "--config", "binary.toml"], &["binary.toml", "line 1"]),
         (&["run", "--colour"], &["--colour"]),
