@@ -35,6 +35,7 @@
 //! | [`math`] | logarithm, sine and cosine, the same on every device | |
 //! | [`random`] | draws that depend on seed, step, particle and draw number alone | |
 //! | [`ablation`] | the paper's own rules in place of ours | |
+//! | [`factor_graph`] | the most likely values of many variables, and how well they are known | |
 //! | [`log`] | readings, and where they come from | |
 //! | [`ppca`] | the model of one cluster: fit, density, moments | III-A, eq. 7-13 |
 //! | [`scan`] | ranges to points in the robot's frame | |
@@ -83,6 +84,7 @@ pub mod ablation;
 pub mod clustering;
 pub mod config;
 pub mod evaluator;
+pub mod factor_graph;
 pub mod filter;
 pub mod geometry;
 pub mod gpu;

@@ -9,6 +9,7 @@ mod anderson_darling;
 mod clustering;
 mod drive;
 mod evaluator;
+mod factor_graph;
 mod failover;
 mod grid;
 mod localization;
