@@ -7,9 +7,7 @@ use super::{Graph, GraphError, Values, VariableId};
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::perm::PermRef;
-use faer::sparse::linalg::LltError;
 use faer::sparse::linalg::amd;
-use faer::sparse::linalg::cholesky::simplicial::SimplicialLltRef;
 use faer::sparse::linalg::cholesky::supernodal::SupernodalLltRef;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
@@ -262,67 +260,69 @@ impl Cholesky {
         normal: &Normal,
         values: &Values,
     ) -> Result<(), GraphError> {
-        let nothing_known = structure.diagonal(&normal.hessian).position(|information| information <= 0.0);
-        nothing_known
-            .map_or(Ok(()), |row| Err(Free { row }))
-            .and_then(|()| self.factorize(structure, &normal.hessian))
-            .and_then(|()| self.check_pivots(structure, &normal.hessian))
-            .map_err(|free| structure.singular(free.row, values))
+        let hessian = &normal.hessian;
+        if let Some(row) = structure.diagonal(hessian).position(|information| information <= 0.0) {
+            return Err(structure.singular(row, values));
+        }
+        let mut share = 0.0;
+        let mut row = structure.dimension() - 1;
+        if self.factorize(structure, hessian) {
+            (share, row) = self.least_pivot(structure, hessian);
+        } else {
+            // With a little damping there are pivots to look at.
+            let mut damped = Vec::new();
+            structure.damp(hessian, 1e3 * FREE, &mut damped);
+            if self.factorize(structure, &damped) {
+                row = self.least_pivot(structure, &damped).1;
+            }
+        }
+        if share > FREE { Ok(()) } else { Err(structure.singular(row, values)) }
     }
 
-    /// Factorises a matrix; whether it is positive definite.
-    pub(super) fn factorize_damped(&mut self, structure: &Structure, matrix: &[f64]) -> bool {
-        self.factorize(structure, matrix).is_ok()
-    }
-
-    /// Factorises a matrix; where it is not positive definite, tells a row that shows it.
-    fn factorize(&mut self, structure: &Structure, matrix: &[f64]) -> Result<(), Free> {
+    /// Factorises a matrix, and tells whether it is positive definite.
+    pub(super) fn factorize(&mut self, structure: &Structure, matrix: &[f64]) -> bool {
         let n = structure.dimension();
         let pattern = SymbolicSparseColMatRef::new_checked(n, n, &structure.columns, None, &structure.rows);
-        let symbolic = &structure.symbolic;
-        let in_order = |place: usize| symbolic.perm().map_or(place, |perm| perm.arrays().0[place]);
-        let result = symbolic.factorize_numeric_llt::<f64>(
-            &mut self.factor,
-            SparseColMatRef::new(pattern, matrix),
-            Side::Lower,
-            LltRegularization::default(),
-            Par::Seq,
-            MemStack::new(&mut self.scratch),
-            faer::Spec::default(),
-        );
-        match result {
-            Ok(_) => Ok(()),
-            Err(LltError::Numeric(faer::linalg::cholesky::llt::factor::LltError::NonPositivePivot { index })) => {
-                Err(Free { row: in_order(index.min(n - 1)) })
-            }
-            Err(LltError::Generic(_)) => Err(Free { row: in_order(n - 1) }),
-        }
+        structure
+            .symbolic
+            .factorize_numeric_llt::<f64>(
+                &mut self.factor,
+                SparseColMatRef::new(pattern, matrix),
+                Side::Lower,
+                LltRegularization::default(),
+                Par::Seq,
+                MemStack::new(&mut self.scratch),
+                faer::Spec::default(),
+            )
+            .is_ok()
     }
 
-    /// Refuses a pivot that is zero but for rounding.
-    fn check_pivots(&self, structure: &Structure, matrix: &[f64]) -> Result<(), Free> {
+    /// The least pivot, as a share of the information that its row started with, and that row.
+    fn least_pivot(&self, structure: &Structure, matrix: &[f64]) -> (f64, usize) {
         let information: Vec<f64> = structure.diagonal(matrix).collect();
         let order = structure.symbolic.perm();
-        let check = |place: usize, root: f64| {
+        let mut least = (f64::INFINITY, 0);
+        let mut compare = |place: usize, root: f64| {
             let row = order.map_or(place, |perm| perm.arrays().0[place]);
-            if root * root > FREE * information[row] { Ok(()) } else { Err(Free { row }) }
+            let share = root * root / information[row];
+            if share < least.0 {
+                least = (share, row);
+            }
         };
         match structure.symbolic.raw() {
             SymbolicCholeskyRaw::Simplicial(symbolic) => {
-                let values = SimplicialLltRef::new(symbolic, &self.factor).values();
-                symbolic.col_ptr()[..structure.dimension()]
-                    .iter()
-                    .enumerate()
-                    .try_for_each(|(place, &column)| check(place, values[column]))
+                let columns = symbolic.col_ptr()[..structure.dimension()].iter().enumerate();
+                columns.for_each(|(place, &column)| compare(place, self.factor[column]));
             }
             SymbolicCholeskyRaw::Supernodal(symbolic) => {
                 let factor = SupernodalLltRef::new(symbolic, &self.factor);
-                (0..symbolic.n_supernodes()).map(|node| factor.supernode(node)).try_for_each(|node| {
+                for node in (0..symbolic.n_supernodes()).map(|node| factor.supernode(node)) {
                     let block = node.val();
-                    (0..block.ncols()).try_for_each(|column| check(node.start() + column, block[(column, column)]))
-                })
+                    (0..block.ncols()).for_each(|column| compare(node.start() + column, block[(column, column)]));
+                }
             }
         }
+        least
     }
 
     /// Solves for each of the right sides, which lie one after the other, in place.
@@ -339,10 +339,4 @@ impl Cholesky {
         );
         Ok(())
     }
-}
-
-/// A row of a matrix that is not positive definite, or hardly: what belongs to it is not determined.
-#[derive(Clone, Copy, Debug)]
-struct Free {
-    row: usize,
 }

@@ -21,9 +21,11 @@ impl Default for SolverConfig {
 }
 
 /// The damping after the first step that failed, as a share of the information.
-const FIRST_LAMBDA: f64 = 1e-5;
-/// By how much damping grows after a step that failed, and falls after one that did not.
-const LAMBDA_FACTOR: f64 = 10.0;
+const FIRST_LAMBDA: f64 = 1e-6;
+/// Damping falls at most by this factor at a time.
+const MAX_FALL: f64 = 0.1;
+/// Less damping is none.
+const MIN_LAMBDA: f64 = 1e-14;
 /// No shorter step is tried: it would be rounded away.
 const MAX_LAMBDA: f64 = 1e12;
 /// A step is good that lowers the error by this share of what it promised.
@@ -46,7 +48,8 @@ pub struct Solution {
 /// Finds the minimum of the error of a [`Graph`] near the values it is given.
 ///
 /// Each step d solves (H + λ diag H) d = -g, with H = Σ w JᵀJ and g = Σ w Jᵀr: for λ = 0 that of Gauss and Newton. A
-/// step that lowers the error is taken and λ falls; else λ grows. The pattern of H is analysed at the first solve, and again
+/// step that lowers the error is taken, and λ follows how much of its promise it kept; else λ grows, faster at each failure.
+/// The pattern of H is analysed at the first solve, and again
 /// only where factors join other variables than at the last one, so that it costs nothing to change weights.
 #[derive(Default)]
 pub struct Solver {
@@ -78,7 +81,7 @@ impl Workspace {
     fn step(&mut self, lambda: f64) -> Result<Option<f64>, GraphError> {
         if !std::mem::take(&mut self.is_factorised) || lambda != 0.0 {
             self.structure.damp(&self.normal.hessian, lambda, &mut self.damped);
-            if !self.cholesky.factorize_damped(&self.structure, &self.damped) {
+            if !self.cholesky.factorize(&self.structure, &self.damped) {
                 return Ok(None);
             }
         }
@@ -128,9 +131,9 @@ fn minimise(
     workspace.is_factorised = true;
     let initial_error = workspace.normal.error;
     let mut solution = Solution { iterations: 0, initial_error, error: initial_error, converged: false };
-    let mut lambda = 0.0;
+    let mut damping = Damping { lambda: 0.0, growth: 2.0 };
     while solution.iterations < config.iterations && !solution.converged {
-        let Some((next, error)) = descend(config, workspace, graph, &current, &mut lambda, &mut solution.converged)?
+        let Some((next, error)) = descend(config, workspace, graph, &current, &mut damping, &mut solution.converged)?
         else {
             break;
         };
@@ -151,26 +154,52 @@ fn descend(
     workspace: &mut Workspace,
     graph: &Graph,
     current: &Values,
-    lambda: &mut f64,
+    damping: &mut Damping,
     converged: &mut bool,
 ) -> Result<Option<(Values, f64)>, GraphError> {
     let before = workspace.normal.error;
-    while *lambda <= MAX_LAMBDA {
-        if let Some(promise) = workspace.step(*lambda)? {
+    while damping.lambda <= MAX_LAMBDA {
+        if let Some(promise) = workspace.step(damping.lambda)? {
             let next = current.retract(&workspace.step)?;
             // Where a residual is undefined, the step was too long.
             let error = graph.error(&next).unwrap_or(f64::INFINITY);
             // A heavily damped step promises little wherever it starts.
-            *converged = *lambda < 1.0 && promise <= config.absolute_tolerance + config.relative_tolerance * before;
+            *converged =
+                damping.lambda < 1.0 && promise <= config.absolute_tolerance + config.relative_tolerance * before;
             if *converged {
                 return Ok((error <= before).then_some((next, error)));
             }
-            if before - error >= MIN_GAIN * promise {
-                *lambda = if *lambda > FIRST_LAMBDA { *lambda / LAMBDA_FACTOR } else { 0.0 };
+            let gain = (before - error) / promise;
+            if gain >= MIN_GAIN {
+                damping.relax(gain);
                 return Ok(Some((next, error)));
             }
         }
-        *lambda = (*lambda * LAMBDA_FACTOR).max(FIRST_LAMBDA);
+        damping.grow();
     }
     Ok(None)
+}
+
+/// The damping λ of the next step, by the rule of H. B. Nielsen, "Damping parameter in Marquardt's method", 1999.
+struct Damping {
+    lambda: f64,
+    /// By how much it grows at the next failure.
+    growth: f64,
+}
+
+impl Damping {
+    /// A step was too long.
+    fn grow(&mut self) {
+        self.lambda = (self.lambda * self.growth).max(FIRST_LAMBDA);
+        self.growth *= 2.0;
+    }
+
+    /// A step kept this share of what it promised.
+    fn relax(&mut self, gain: f64) {
+        self.lambda *= (1.0 - (2.0 * gain - 1.0).powi(3)).max(MAX_FALL);
+        if self.lambda < MIN_LAMBDA {
+            self.lambda = 0.0;
+        }
+        self.growth = 2.0;
+    }
 }

@@ -182,7 +182,8 @@ impl<F: Factor> Factor for Bent<F> {
             return self.0.evaluate(values, residual, None);
         };
         self.0.evaluate(values, residual, Some(jacobian))?;
-        jacobian[(jacobian.nrows() - 1, jacobian.ncols() - 1)] += 1e-4;
+        let last = (jacobian.nrows() - 1, jacobian.ncols() - 1);
+        jacobian[last] += 1e-4;
         Ok(())
     }
 }
