@@ -3,7 +3,7 @@
 //! A pose is named for the two frames that it joins: `world_from_robot` takes points of the robot's frame to the
 //! world, and products chain by their neighbours, `world_from_robot * robot_from_laser`. Metres and radians.
 
-use nalgebra::{Matrix3, Point2, Vector2};
+use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use std::ops::Mul;
 
@@ -43,6 +43,42 @@ impl Pose {
     pub fn adjoint(self) -> Matrix3<f64> {
         let (sin, cos) = self.heading.sin_cos();
         Matrix3::new(cos, -sin, self.y, sin, cos, -self.x, 0.0, 0.0, 1.0)
+    }
+
+    /// Where a constant motion leads in one unit of time: the exponential of SE(2). The twist is (forward, sideways \[m\],
+    /// turn \[rad\]); with a turn the path is an arc of a circle.
+    pub fn exp(twist: Vector3<f64>) -> Self {
+        let [sine, cosine, _] = arc_terms(twist.z);
+        Self::new(sine * twist.x - cosine * twist.y, cosine * twist.x + sine * twist.y, twist.z)
+    }
+
+    /// The constant motion that leads here, of the least turn: `Pose::exp(pose.log()) == pose`.
+    pub fn log(self) -> Vector3<f64> {
+        let [sine, cosine, _] = arc_terms(self.heading);
+        let squared = sine * sine + cosine * cosine;
+        Vector3::new(
+            (sine * self.x + cosine * self.y) / squared,
+            (sine * self.y - cosine * self.x) / squared,
+            self.heading,
+        )
+    }
+
+    /// The right Jacobian J of the exponential: exp(twist + d) = exp(twist) · exp(J d) to first order in d.
+    pub fn exp_jacobian(twist: Vector3<f64>) -> Matrix3<f64> {
+        let [sine, cosine, rest] = arc_terms(twist.z);
+        // (1 - cos t) / t², the quotient of two terms whose limits are zero.
+        let bend = 0.5 * (sine_quotient(0.5 * twist.z)).powi(2);
+        Matrix3::new(
+            sine,
+            cosine,
+            rest * twist.x - bend * twist.y,
+            -cosine,
+            sine,
+            bend * twist.x + rest * twist.y,
+            0.0,
+            0.0,
+            1.0,
+        )
     }
 
     /// The position, without the heading.
@@ -98,6 +134,18 @@ pub fn wrap_angle(angle: f64) -> f64 {
     if wrapped <= -PI { wrapped + TAU } else { wrapped }
 }
 
+/// sin t / t.
+fn sine_quotient(t: f64) -> f64 {
+    if t.abs() < 1e-3 { 1.0 - t * t / 6.0 } else { t.sin() / t }
+}
+
+/// sin t / t, (1 - cos t) / t and (t - sin t) / t², accurate around zero as well.
+fn arc_terms(t: f64) -> [f64; 3] {
+    let half = sine_quotient(0.5 * t);
+    let rest = if t.abs() < 1e-3 { t / 6.0 } else { (t - t.sin()) / (t * t) };
+    [sine_quotient(t), 0.5 * t * half * half, rest]
+}
+
 /// A pose at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StampedPose {
@@ -136,6 +184,24 @@ mod tests {
         }
 
         #[test]
+        fn the_logarithm_undoes_the_exponential(pose in poses()) {
+            prop_assert!((matrix(Pose::exp(pose.log())) - matrix(pose)).norm() < 1e-7);
+        }
+
+        /// The oracle: many short steps of the same motion.
+        #[test]
+        fn the_exponential_follows_an_arc(forward in -2.0..2.0f64, sideways in -2.0..2.0f64, turn in -3.0..3.0f64) {
+            let steps = 1 << 20;
+            let step = f64::from(steps).recip();
+            let mut arc = Pose::new(forward * step, sideways * step, turn * step);
+            for _ in 0..20 {
+                arc = arc * arc;
+            }
+            let exp = Pose::exp(Vector3::new(forward, sideways, turn));
+            prop_assert!((matrix(exp) - matrix(arc)).norm() < 1e-5, "{exp:?} {arc:?}");
+        }
+
+        #[test]
         fn wrapping_keeps_the_angle(angle in -1e3..1e3f64) {
             let wrapped = wrap_angle(angle);
             prop_assert!(wrapped > -std::f64::consts::PI && wrapped <= std::f64::consts::PI);
@@ -147,6 +213,22 @@ mod tests {
     fn half_a_turn_is_positive() {
         assert_eq!(wrap_angle(-std::f64::consts::PI), std::f64::consts::PI);
         assert!(wrap_angle(f64::NAN).is_nan());
+    }
+
+    /// The oracle: central differences.
+    #[test]
+    fn the_jacobian_of_the_exponential_is_its_derivative() {
+        for turn in [0.0, 1e-5, -0.0009, 0.0011, 0.7, -2.9] {
+            let twist = Vector3::new(1.2, -0.4, turn);
+            let jacobian = Pose::exp_jacobian(twist);
+            for axis in 0..3 {
+                let step = Vector3::ith(axis, 1e-5);
+                let change = Pose::exp(twist + step).seen_from(Pose::exp(twist)).log()
+                    - Pose::exp(twist - step).seen_from(Pose::exp(twist)).log();
+                let error = (jacobian.column(axis) - change / 2e-5).norm();
+                assert!(error < 1e-8, "turn {turn}, axis {axis}: {error}");
+            }
+        }
     }
 
     /// The oracle: a small motion before `next` moves its end by the finite difference of the composed poses.

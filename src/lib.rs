@@ -36,6 +36,7 @@
 //! | [`random`] | draws that depend on seed, step, particle and draw number alone | |
 //! | [`ablation`] | the paper's own rules in place of ours | |
 //! | [`association`] | which detections of a frame show which landmarks | |
+//! | [`factor_graph`] | the most likely values of many variables, and how well they are known | |
 //! | [`log`] | readings, and where they come from | |
 //! | [`detections`] | what a detector of objects saw, with odometry beside it | |
 //! | [`ppca`] | the model of one cluster: fit, density, moments | III-A, eq. 7-13 |
@@ -88,6 +89,7 @@ pub mod clustering;
 pub mod config;
 pub mod detections;
 pub mod evaluator;
+pub mod factor_graph;
 pub mod filter;
 pub mod geometry;
 pub mod gpu;

@@ -10,6 +10,7 @@ mod association;
 mod clustering;
 mod drive;
 mod evaluator;
+mod factor_graph;
 mod failover;
 mod grid;
 mod localization;
