@@ -232,22 +232,31 @@ impl Factor for Odometry {
     }
 }
 
-/// A point in the frame of a sensor on a robot: q, its derivatives by the robot's step and by the point's.
-fn seen_point(
-    values: &Values,
-    [pose, point]: [VariableId; 2],
-    robot_from_sensor: Pose,
-) -> Result<(Vector2<f64>, Matrix2x3<f64>, Matrix2<f64>), GraphError> {
-    let to_sensor = robot_from_sensor.inverse();
-    let world_from_robot = values.pose(pose)?;
-    let in_robot = world_from_robot.inverse() * values.point(point)?;
-    let turned = |heading: f64| {
-        let (sin, cos) = heading.sin_cos();
-        Matrix2::new(cos, -sin, sin, cos)
-    };
-    let by_pose = turned(to_sensor.heading) * Matrix2x3::new(-1.0, 0.0, in_robot.y, 0.0, -1.0, -in_robot.x);
-    let by_point = turned(to_sensor.heading - world_from_robot.heading);
-    Ok(((to_sensor * in_robot).coords, by_pose, by_point))
+/// A point in the frame of a sensor on a robot.
+struct Seen {
+    point: Vector2<f64>,
+    /// Its derivative by the robot's step.
+    by_pose: Matrix2x3<f64>,
+    /// Its derivative by the point's step.
+    by_point: Matrix2<f64>,
+}
+
+impl Seen {
+    fn new(values: &Values, [pose, point]: [VariableId; 2], robot_from_sensor: Pose) -> Result<Self, GraphError> {
+        let sensor_from_robot = robot_from_sensor.inverse();
+        let world_from_robot = values.pose(pose)?;
+        let in_robot = world_from_robot.inverse() * values.point(point)?;
+        let rotation = |heading: f64| {
+            let (sin, cos) = heading.sin_cos();
+            Matrix2::new(cos, -sin, sin, cos)
+        };
+        let robot_moves = Matrix2x3::new(-1.0, 0.0, in_robot.y, 0.0, -1.0, -in_robot.x);
+        Ok(Self {
+            point: (sensor_from_robot * in_robot).coords,
+            by_pose: rotation(sensor_from_robot.heading) * robot_moves,
+            by_point: rotation(sensor_from_robot.heading - world_from_robot.heading),
+        })
+    }
 }
 
 /// Range and bearing of a point: e = (|q| - range \[m\], arg q - bearing \[rad\], wrapped), with q the point in the
@@ -288,14 +297,14 @@ impl Factor for RangeBearing {
         residual: &mut [f64],
         jacobian: Option<&mut Jacobian<'_>>,
     ) -> Result<(), GraphError> {
-        let (seen, by_pose, by_point) = seen_point(values, self.variables, self.robot_from_sensor)?;
-        let range = seen.norm();
-        residual.copy_from_slice(&[range - self.range, wrap_angle(seen.y.atan2(seen.x) - self.bearing)]);
+        let Seen { point, by_pose, by_point } = Seen::new(values, self.variables, self.robot_from_sensor)?;
+        let range = point.norm();
+        residual.copy_from_slice(&[range - self.range, wrap_angle(point.y.atan2(point.x) - self.bearing)]);
         if let Some(jacobian) = jacobian {
-            let (along, across) = (seen / range, Vector2::new(-seen.y, seen.x) / (range * range));
-            let by_seen = Matrix2::new(along.x, along.y, across.x, across.y);
-            jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_seen * by_pose));
-            jacobian.fixed_view_mut::<2, 2>(0, 3).copy_from(&(by_seen * by_point));
+            let (along, across) = (point / range, Vector2::new(-point.y, point.x) / (range * range));
+            let polar = Matrix2::new(along.x, along.y, across.x, across.y);
+            jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&(polar * by_pose));
+            jacobian.fixed_view_mut::<2, 2>(0, 3).copy_from(&(polar * by_point));
         }
         Ok(())
     }
@@ -337,8 +346,8 @@ impl Factor for Sighting {
         residual: &mut [f64],
         jacobian: Option<&mut Jacobian<'_>>,
     ) -> Result<(), GraphError> {
-        let (seen, by_pose, by_point) = seen_point(values, self.variables, self.robot_from_sensor)?;
-        residual.copy_from_slice((seen - self.measured.coords).as_slice());
+        let Seen { point, by_pose, by_point } = Seen::new(values, self.variables, self.robot_from_sensor)?;
+        residual.copy_from_slice((point - self.measured.coords).as_slice());
         if let Some(jacobian) = jacobian {
             jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&by_pose);
             jacobian.fixed_view_mut::<2, 2>(0, 3).copy_from(&by_point);

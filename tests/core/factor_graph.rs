@@ -305,7 +305,8 @@ fn a_solver_can_be_used_again() {
             0 => graph.set_weight(sightings[2], 0.3).unwrap(),
             1 => graph.set_loss(sightings[4], Loss::Cauchy(1.0)).unwrap(),
             _ => {
-                drop(graph.add(Sighting::new(poses[2], points[0], Point2::new(-1.0, 0.8)), sigmas(&[0.1; 2])).unwrap())
+                let sighting = Sighting::new(poses[2], points[0], Point2::new(-1.0, 0.8));
+                graph.add(sighting, sigmas(&[0.1; 2])).unwrap();
             }
         }
         let (mut a, mut b) = (start.clone(), start.clone());
@@ -387,7 +388,9 @@ fn odometry_is_calibrated() {
     for step in 0..12 {
         let pose = values.add_pose(measured);
         match last {
-            None => drop(graph.add(Prior::pose(pose, truth), sigmas(&[1e-3; 3])).unwrap()),
+            None => {
+                graph.add(Prior::pose(pose, truth), sigmas(&[1e-3; 3])).unwrap();
+            }
             Some((from, motion)) => {
                 let odometry = Odometry::new(from, pose, calibration, motion);
                 graph.add(odometry, sigmas(&[0.01, 0.01, 0.01])).unwrap();
