@@ -248,7 +248,8 @@ mod tests {
 
     #[test]
     fn what_cannot_be_is_told() {
-        let changes: [(fn(&mut Sensors), &str); 8] = [
+        type Change = fn(&mut Sensors);
+        let changes: [(Change, &str); 8] = [
             (|s| s.classes.clear(), "classes"),
             (|s| s.classes[1] = "tree".to_owned(), "`tree` twice"),
             (|s| s.classes[0] = " tree".to_owned(), "white space"),
