@@ -51,6 +51,7 @@
 //! | [`filter`] | weights, resampling, ancestry, KLD sampling, recovery | IV |
 //! | [`tracking`] | the motion since the last step | |
 //! | [`report`] | events, step reports, results; estimators and observers | |
+//! | [`semantic`] | semantic SLAM by expectation maximisation (Bowman et al., ICRA 2017) | |
 //! | [`smoothing`] | all scans and the finished map, fitted to each other | |
 //! | [`slam`] | one step after the other | Table I |
 //! | [`localization`] | where the robot is in a map that is known | |
@@ -110,6 +111,7 @@ pub mod random;
 pub mod record;
 pub mod report;
 pub mod scan;
+pub mod semantic;
 pub mod simulate;
 pub mod slam;
 pub mod smoothing;

@@ -22,6 +22,7 @@ mod recording;
 mod replay;
 mod run;
 mod say;
+mod semantic;
 mod simulate;
 mod summary;
 mod truth;
@@ -50,6 +51,8 @@ enum Command {
     Run(Box<run::RunArgs>),
     #[command(after_help = EXIT_CODES)]
     Localize(Box<localize::LocalizeArgs>),
+    #[command(after_help = EXIT_CODES)]
+    Semantic(semantic::SemanticArgs),
     #[command(after_help = EXIT_CODES)]
     Replay(Box<replay::ReplayArgs>),
     #[command(after_help = EXIT_CODES)]
@@ -84,6 +87,7 @@ pub fn main() -> ExitCode {
     let errors = match Cli::parse().command {
         Command::Run(args) => run::run(&args).unwrap_or_else(|error| vec![error]),
         Command::Localize(args) => localize::localize(&args).unwrap_or_else(|error| vec![error]),
+        Command::Semantic(args) => semantic::semantic(&args).unwrap_or_else(|error| vec![error]),
         Command::Replay(args) => replay::replay(&args).unwrap_or_else(|error| vec![error]),
         Command::View(args) => view::view(&args).err().into_iter().collect(),
         Command::Eval(args) => eval::eval(&args).err().into_iter().collect(),

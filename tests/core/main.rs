@@ -20,6 +20,7 @@ mod merging;
 mod oracle;
 mod picture;
 mod proposal;
+mod semantic;
 mod simulate;
 #[path = "../common/wall.rs"]
 mod wall;

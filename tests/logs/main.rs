@@ -10,8 +10,10 @@ mod pipeline;
 mod program;
 #[path = "../common/python.rs"]
 mod python;
+mod semantic;
 
 fn main() {
-    let trials = [metrics::trials(), pipeline::trials(), program::trials()].into_iter().flatten().collect();
+    let trials = [metrics::trials(), pipeline::trials(), program::trials(), semantic::trials()];
+    let trials = trials.into_iter().flatten().collect();
     libtest_mimic::run(&libtest_mimic::Arguments::from_args(), trials).exit();
 }

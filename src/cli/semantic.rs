@@ -1,0 +1,185 @@
+//! `ipslam semantic`: a recording of detections in; trajectory, landmarks, weights and a summary out.
+
+use super::output::Outputs;
+use super::say::print_line;
+use anyhow::Context as _;
+use clap::ValueEnum;
+use ipslam::association::Policy;
+use ipslam::detections::Recording;
+use ipslam::geometry::StampedPose;
+use ipslam::io::semantic::{self as recordings, truth};
+use ipslam::io::tum;
+use ipslam::metrics::trajectory::reference_errors;
+use ipslam::semantic::{SemanticConfig, SemanticMap, Weight, map};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Maps the objects of a recording of detections, whose classes it knows and whose identities it does not.
+#[derive(Debug, clap::Args)]
+pub struct SemanticArgs {
+    /// Folder of the recording: sensors.toml, odometry.csv, detections.csv
+    recording: PathBuf,
+    /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME OF THE RECORDING]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// How detections are given to landmarks
+    #[arg(long, value_enum, default_value_t)]
+    association: Association,
+    /// Hypotheses that the forward pass keeps
+    #[arg(long, value_name = "COUNT", default_value_t = SemanticConfig::default().beam)]
+    beam: usize,
+}
+
+/// How detections are given to landmarks.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum Association {
+    /// By their probability over all one-to-one assignments
+    #[default]
+    Soft,
+    /// Each detection to its likeliest landmark
+    Max,
+    /// The likeliest one-to-one assignment
+    Hungarian,
+    /// The component of largest weight and density
+    MaxMixture,
+}
+
+impl Association {
+    fn policy(self) -> Policy {
+        match self {
+            Self::Soft => Policy::Soft,
+            Self::Max => Policy::Max,
+            Self::Hungarian => Policy::Hungarian,
+            Self::MaxMixture => Policy::MaxMixture,
+        }
+    }
+}
+
+/// Maps the recording. Outputs that could not be written are returned as a list.
+pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
+    let config =
+        SemanticConfig { association: args.association.policy(), beam: args.beam, ..SemanticConfig::default() };
+    config.validate()?;
+    let read = recordings::read(&args.recording)?;
+    for warning in &read.warnings {
+        super::say::say!("{warning}");
+    }
+    let recording = read.recording;
+    let folder = std::path::absolute(&args.recording).unwrap_or_else(|_| args.recording.clone());
+    let name = folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
+    let mut outputs = Outputs::for_log(args.out.as_deref(), &name)?;
+    let began = Instant::now();
+    let found = map(&recording, &config).with_context(|| args.recording.display().to_string())?;
+    let seconds = began.elapsed().as_secs_f64();
+
+    outputs.write_trajectory("trajectory.tum", &found.trajectory);
+    outputs.write("landmarks.json", format!("{:#}\n", landmarks(&recording, &found)).as_bytes());
+    outputs.write("weights.csv", weights(&recording, &found).as_bytes());
+    let score = Score::of(&args.recording, &recording, &found)?;
+    let summary = json!({
+        "recording": name,
+        "seconds": seconds,
+        "keyframes": found.trajectory.len(),
+        "detections": found.detections,
+        "landmarks": found.landmarks.len(),
+        "objective": found.objective,
+        "calibration": {
+            "forward_scale": found.calibration[0],
+            "turn_scale": found.calibration[1],
+            "curvature": found.calibration[2],
+        },
+        "runs": found.runs.iter().map(|run| json!({
+            "new_density": run.new_density,
+            "objective": run.objective,
+            "landmarks": run.landmarks,
+        })).collect::<Vec<_>>(),
+        "settings": serde_json::to_value(config)?,
+        "rms_error": score.rms,
+        "weight_on_right_landmark": score.right,
+    });
+    outputs.write("summary.json", format!("{summary:#}\n").as_bytes());
+    outputs.finish();
+    print_line!(
+        "{} landmarks from {} detections in {} keyframes, {seconds:.1} s; objective {:.1}{}",
+        found.landmarks.len(),
+        found.detections,
+        found.trajectory.len(),
+        found.objective,
+        score.text()
+    );
+    Ok(std::mem::take(&mut outputs.errors))
+}
+
+fn landmarks(recording: &Recording, found: &SemanticMap) -> serde_json::Value {
+    let landmarks = found.landmarks.iter().enumerate().map(|(number, landmark)| {
+        let classes: BTreeMap<&str, f64> =
+            recording.sensors.classes.iter().map(String::as_str).zip(landmark.classes.iter().copied()).collect();
+        let [[xx, xy], [_, yy]] = landmark.covariance.data.0;
+        json!({
+            "landmark": number,
+            "class": recording.sensors.classes.get(landmark.class()),
+            "position": [landmark.position.x, landmark.position.y],
+            "covariance": [[xx, xy], [xy, yy]],
+            "classes": classes,
+            "weight": landmark.weight,
+        })
+    });
+    json!({ "landmarks": landmarks.collect::<Vec<_>>() })
+}
+
+fn weights(recording: &Recording, found: &SemanticMap) -> String {
+    let mut text = "t,number,landmark,weight\n".to_owned();
+    for Weight { frame, detection, landmark, weight } in &found.weights {
+        let stamp = recording.frames.get(*frame).map_or(f64::NAN, |frame| frame.stamp);
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{stamp},{detection},{landmark},{weight:.6}");
+    }
+    text
+}
+
+/// How good the map is, where the recording holds the truth.
+struct Score {
+    /// Root of the mean squared distance to the true positions, after alignment [m].
+    rms: Option<f64>,
+    /// Share of the detections' weight that is on the landmark of their object.
+    right: Option<f64>,
+}
+
+impl Score {
+    fn of(folder: &Path, recording: &Recording, found: &SemanticMap) -> anyhow::Result<Self> {
+        let existing = |name: &str| Some(folder.join(name)).filter(|path| path.is_file());
+        let reference: Option<Vec<StampedPose>> =
+            existing(truth::TRAJECTORY).map(|path| tum::read(&path)).transpose()?;
+        let errors = reference.map(|reference| reference_errors(&reference, &found.trajectory));
+        let ids = existing(truth::IDS).map(|path| truth::read_ids(&path, recording)).transpose()?;
+        Ok(Self {
+            rms: errors.and_then(|errors| errors.absolute).map(|absolute| absolute.rmse),
+            right: ids.and_then(|ids| weight_on_right_landmark(&ids, &found.weights)),
+        })
+    }
+
+    fn text(&self) -> String {
+        let rms = self.rms.map(|rms| format!("; rms error {rms:.3} m"));
+        let right = self.right.map(|right| format!("; {:.1} % of the weight on the right landmark", 100.0 * right));
+        rms.into_iter().chain(right).collect()
+    }
+}
+
+/// An object's landmark is the one with most of its weight; what lies on other landmarks is wrong, doubles included.
+fn weight_on_right_landmark(ids: &truth::Ids, weights: &[Weight]) -> Option<f64> {
+    let mut by_object: BTreeMap<u64, BTreeMap<usize, f64>> = BTreeMap::new();
+    for weight in weights {
+        let id = ids.get(weight.frame).and_then(|frame| frame.get(weight.detection)).copied().flatten();
+        if let Some(id) = id {
+            *by_object.entry(id).or_default().entry(weight.landmark).or_default() += weight.weight;
+        }
+    }
+    let sum = |weights: &BTreeMap<usize, f64>| weights.values().sum::<f64>();
+    let most = |weights: &BTreeMap<usize, f64>| weights.values().copied().fold(0.0, f64::max);
+    let total: f64 = by_object.values().map(sum).sum();
+    let right: f64 = by_object.values().map(most).sum();
+    (total > 0.0).then(|| right / total)
+}
