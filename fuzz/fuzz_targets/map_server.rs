@@ -13,7 +13,8 @@ fuzz_target!(|data: &[u8]| {
     let yaml = file("map.yaml", parts.next().unwrap_or_default());
     file("map.pgm", parts.next().unwrap_or_default());
     match read(&yaml) {
-        Err(error) => assert!(error.to_string().contains("map."), "{error}"),
+        // The picture may be another file.
+        Err(error) => assert!(!error.to_string().is_empty()),
         Ok(found) => {
             let cells = u64::from(found.grid.width()) * u64::from(found.grid.height());
             assert!(cells > 0 && cells == found.grid.cells().len() as u64);
