@@ -81,6 +81,12 @@ impl Pose {
         )
     }
 
+    /// The pose on an even way to another one, after a share of it, 0 to 1; the heading takes the short way round.
+    pub fn interpolated(self, to: Self, share: f64) -> Self {
+        let position = self.position() + share * (to.position() - self.position());
+        Self::new(position.x, position.y, self.heading + share * wrap_angle(to.heading - self.heading))
+    }
+
     /// The position, without the heading.
     pub fn position(self) -> Point2<f64> {
         Point2::new(self.x, self.y)

@@ -1,6 +1,6 @@
 //! Odometry between any two moments.
 
-use crate::geometry::{Pose, StampedPose, wrap_angle};
+use crate::geometry::{Pose, StampedPose};
 
 /// What the wheels say, in the order of time.
 #[derive(Clone, Debug, PartialEq)]
@@ -128,10 +128,7 @@ fn pose_at(rows: &[StampedPose], stamp: f64) -> Pose {
     let (before, after) = (next.checked_sub(1).and_then(|before| rows.get(before)), rows.get(next));
     match (before, after) {
         (Some(before), Some(after)) => {
-            let share = (stamp - before.stamp) / (after.stamp - before.stamp);
-            let (a, b) = (before.pose, after.pose);
-            let position = a.position() + share * (b.position() - a.position());
-            Pose::new(position.x, position.y, a.heading + share * wrap_angle(b.heading - a.heading))
+            before.pose.interpolated(after.pose, (stamp - before.stamp) / (after.stamp - before.stamp))
         }
         (Some(only), None) | (None, Some(only)) => only.pose,
         (None, None) => Pose::IDENTITY,

@@ -188,6 +188,14 @@ impl Odometry {
     pub fn new(from: VariableId, to: VariableId, calibration: VariableId, from_to: Pose) -> Self {
         Self { variables: [from, to, calibration], twist: from_to.log() }
     }
+
+    /// The calibrated twist (s u, s v, t w + k u) of a measured one, and its derivative by (s, t, k).
+    pub fn calibrated(measured: Vector3<f64>, calibration: Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
+        let (scale, turn_scale, curvature) = (calibration.x, calibration.y, calibration.z);
+        let twist =
+            Vector3::new(scale * measured.x, scale * measured.y, turn_scale * measured.z + curvature * measured.x);
+        (twist, Matrix3::new(measured.x, 0.0, 0.0, measured.y, 0.0, 0.0, 0.0, measured.z, measured.x))
+    }
 }
 
 impl Factor for Odometry {
@@ -209,12 +217,8 @@ impl Factor for Odometry {
         let &[forward_scale, turn_scale, curvature] = values.vector(calibration)? else {
             return Err(GraphError::Length { wanted: 3, found: values.vector(calibration)?.len() });
         };
-        let measured = self.twist;
-        let twist = Vector3::new(
-            forward_scale * measured.x,
-            forward_scale * measured.y,
-            turn_scale * measured.z + curvature * measured.x,
-        );
+        let (twist, twist_by_calibration) =
+            Self::calibrated(self.twist, Vector3::new(forward_scale, turn_scale, curvature));
         let from_to = values.pose(to)?.seen_from(values.pose(from)?);
         let calibrated = Pose::exp(twist);
         let (error, derivative) = pose_error(calibrated, from_to);
@@ -224,8 +228,6 @@ impl Factor for Odometry {
             jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&derivative);
             // A step of the calibrated motion, carried to the end of the error.
             let by_twist = -derivative * calibrated.seen_from(from_to).adjoint() * Pose::exp_jacobian(twist);
-            let twist_by_calibration =
-                Matrix3::new(measured.x, 0.0, 0.0, measured.y, 0.0, 0.0, 0.0, measured.z, measured.x);
             jacobian.fixed_view_mut::<3, 3>(0, 6).copy_from(&(by_twist * twist_by_calibration));
         }
         Ok(())
@@ -242,20 +244,38 @@ struct Seen {
 }
 
 impl Seen {
-    fn new(values: &Values, [pose, point]: [VariableId; 2], robot_from_sensor: Pose) -> Result<Self, GraphError> {
+    fn new(world_from_robot: Pose, point: Point2<f64>, robot_from_sensor: Pose) -> Self {
         let sensor_from_robot = robot_from_sensor.inverse();
-        let world_from_robot = values.pose(pose)?;
-        let in_robot = world_from_robot.inverse() * values.point(point)?;
+        let in_robot = world_from_robot.inverse() * point;
         let rotation = |heading: f64| {
             let (sin, cos) = heading.sin_cos();
             Matrix2::new(cos, -sin, sin, cos)
         };
         let robot_moves = Matrix2x3::new(-1.0, 0.0, in_robot.y, 0.0, -1.0, -in_robot.x);
-        Ok(Self {
+        Self {
             point: (sensor_from_robot * in_robot).coords,
             by_pose: rotation(sensor_from_robot.heading) * robot_moves,
             by_point: rotation(sensor_from_robot.heading - world_from_robot.heading),
-        })
+        }
+    }
+}
+
+/// A point as it would be seen: range \[m\] and bearing \[rad\], and the derivatives by a step of the pose (forward,
+/// sideways, turn) and by the point's position. Where it stands in the sensor, they are not finite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prediction {
+    /// Range and bearing.
+    pub mean: Vector2<f64>,
+    /// By the pose's step.
+    pub by_pose: Matrix2x3<f64>,
+    /// By the point's position.
+    pub by_point: Matrix2<f64>,
+}
+
+impl Prediction {
+    /// Measured less predicted, the bearing wrapped.
+    pub fn innovation(&self, range: f64, bearing: f64) -> Vector2<f64> {
+        Vector2::new(range - self.mean.x, wrap_angle(bearing - self.mean.y))
     }
 }
 
@@ -280,6 +300,16 @@ impl RangeBearing {
     pub fn from_sensor(self, robot_from_sensor: Pose) -> Self {
         Self { robot_from_sensor, ..self }
     }
+
+    /// What a sensor that is mounted there would measure of a point.
+    pub fn predict(world_from_robot: Pose, point: Point2<f64>, robot_from_sensor: Pose) -> Prediction {
+        let Seen { point, by_pose, by_point } = Seen::new(world_from_robot, point, robot_from_sensor);
+        let range = point.norm();
+        let (along, across) = (point / range, Vector2::new(-point.y, point.x) / (range * range));
+        let polar = Matrix2::new(along.x, along.y, across.x, across.y);
+        let mean = Vector2::new(range, point.y.atan2(point.x));
+        Prediction { mean, by_pose: polar * by_pose, by_point: polar * by_point }
+    }
 }
 
 impl Factor for RangeBearing {
@@ -297,14 +327,13 @@ impl Factor for RangeBearing {
         residual: &mut [f64],
         jacobian: Option<&mut Jacobian<'_>>,
     ) -> Result<(), GraphError> {
-        let Seen { point, by_pose, by_point } = Seen::new(values, self.variables, self.robot_from_sensor)?;
-        let range = point.norm();
-        residual.copy_from_slice(&[range - self.range, wrap_angle(point.y.atan2(point.x) - self.bearing)]);
+        let [pose, point] = self.variables;
+        let Prediction { mean, by_pose, by_point } =
+            Self::predict(values.pose(pose)?, values.point(point)?, self.robot_from_sensor);
+        residual.copy_from_slice(&[mean.x - self.range, wrap_angle(mean.y - self.bearing)]);
         if let Some(jacobian) = jacobian {
-            let (along, across) = (point / range, Vector2::new(-point.y, point.x) / (range * range));
-            let polar = Matrix2::new(along.x, along.y, across.x, across.y);
-            jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&(polar * by_pose));
-            jacobian.fixed_view_mut::<2, 2>(0, 3).copy_from(&(polar * by_point));
+            jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&by_pose);
+            jacobian.fixed_view_mut::<2, 2>(0, 3).copy_from(&by_point);
         }
         Ok(())
     }
@@ -346,7 +375,9 @@ impl Factor for Sighting {
         residual: &mut [f64],
         jacobian: Option<&mut Jacobian<'_>>,
     ) -> Result<(), GraphError> {
-        let Seen { point, by_pose, by_point } = Seen::new(values, self.variables, self.robot_from_sensor)?;
+        let [pose, point] = self.variables;
+        let Seen { point, by_pose, by_point } =
+            Seen::new(values.pose(pose)?, values.point(point)?, self.robot_from_sensor);
         residual.copy_from_slice((point - self.measured.coords).as_slice());
         if let Some(jacobian) = jacobian {
             jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&by_pose);

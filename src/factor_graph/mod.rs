@@ -44,7 +44,7 @@ mod solver;
 mod variables;
 
 pub use covariance::{Columns, Covariances};
-pub use factors::{Between, Factor, Jacobian, Odometry, Prior, RangeBearing, Sighting};
+pub use factors::{Between, Factor, Jacobian, Odometry, Prediction, Prior, RangeBearing, Sighting};
 pub use graph::{Graph, TermId};
 pub use noise::{Loss, Noise};
 pub use solver::{Solution, Solver, SolverConfig};

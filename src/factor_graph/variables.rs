@@ -40,20 +40,13 @@ impl Kind {
             Self::Vector(length) => length,
         }
     }
-
-    /// How many numbers hold a value.
-    fn stored(self) -> usize {
-        self.dimension()
-    }
 }
 
 /// A variable's place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Variable {
     kind: Kind,
-    /// Where its numbers start.
-    at: usize,
-    /// Where its step starts in the tangent vector.
+    /// Where its numbers start, and its step in the tangent vector: each kind has as many of both.
     start: usize,
 }
 
@@ -62,7 +55,6 @@ struct Variable {
 pub struct Values {
     variables: Vec<Variable>,
     numbers: Vec<f64>,
-    dimension: usize,
 }
 
 impl Values {
@@ -88,9 +80,8 @@ impl Values {
 
     fn add(&mut self, kind: Kind, numbers: &[f64]) -> VariableId {
         let id = VariableId(self.variables.len() as u32);
-        self.variables.push(Variable { kind, at: self.numbers.len(), start: self.dimension });
+        self.variables.push(Variable { kind, start: self.numbers.len() });
         self.numbers.extend_from_slice(numbers);
-        self.dimension += kind.dimension();
         id
     }
 
@@ -106,7 +97,7 @@ impl Values {
 
     /// Degrees of freedom of all variables together: the length of a step.
     pub fn dimension(&self) -> usize {
-        self.dimension
+        self.numbers.len()
     }
 
     /// All variables, in the order in which they were added.
@@ -142,8 +133,8 @@ impl Values {
         wanted: &'static str,
         is: impl Fn(Kind) -> bool,
     ) -> Result<Range<usize>, GraphError> {
-        let Variable { kind, at, .. } = self.variable(id)?;
-        if is(kind) { Ok(at..at + kind.stored()) } else { Err(GraphError::Kind { variable: id, kind, wanted }) }
+        let Variable { kind, .. } = self.variable(id)?;
+        if is(kind) { self.tangent(id) } else { Err(GraphError::Kind { variable: id, kind, wanted }) }
     }
 
     /// The value of a pose.
@@ -207,13 +198,13 @@ impl Values {
     /// # Errors
     /// The step has another length than the tangent vector.
     pub fn retract(&self, step: &[f64]) -> Result<Self, GraphError> {
-        if step.len() != self.dimension {
-            return Err(GraphError::Length { wanted: self.dimension, found: step.len() });
+        if step.len() != self.dimension() {
+            return Err(GraphError::Length { wanted: self.dimension(), found: step.len() });
         }
         let mut moved = self.clone();
         for variable in &self.variables {
-            let step = &step[variable.start..][..variable.kind.dimension()];
-            let numbers = &mut moved.numbers[variable.at..][..variable.kind.stored()];
+            let range = variable.start..variable.start + variable.kind.dimension();
+            let (numbers, step) = (&mut moved.numbers[range.clone()], &step[range]);
             match variable.kind {
                 Kind::Pose => {
                     let pose = Pose { x: numbers[0], y: numbers[1], heading: numbers[2] };

@@ -120,15 +120,12 @@ pub struct GridBuilder {
     index: HashMap<[i64; 2], usize>,
     /// Cells where the laser was.
     driven: Extent,
-    /// All cells that beams ended in, well seen or not.
-    reached: Extent,
 }
 
 impl GridBuilder {
     /// A builder that has seen nothing; `resolution` is the side of a cell \[m\].
     pub fn new(resolution: f64) -> Self {
-        let (driven, reached) = Default::default();
-        Self { resolution, tiles: Vec::new(), index: HashMap::new(), driven, reached }
+        Self { resolution, tiles: Vec::new(), index: HashMap::new(), driven: Extent::default() }
     }
 
     /// Adds the beams of a scan that had a return. What is not finite is left out, and once the grid became too large so
@@ -165,7 +162,6 @@ impl GridBuilder {
             last = Some((at, tile));
             self.tiles[tile].counts[cell].pass();
         });
-        self.reached = self.reached.with(cell_of(end));
         let (at, cell) = place(cell_of(end));
         let tile = self.tile(at);
         let tile = &mut self.tiles[tile];
@@ -193,10 +189,11 @@ impl GridBuilder {
     /// # Errors
     /// It would have too many cells, or there was no scan.
     pub fn finish(self) -> Result<OccupancyGrid, GridError> {
-        let well_seen = self.tiles.iter().filter(|tile| tile.is_near || tile.ends >= WELL_SEEN);
+        let is_full = self.is_full();
+        // Where it is full, all of it is told.
+        let well_seen = self.tiles.iter().filter(|tile| is_full || tile.is_near || tile.ends >= WELL_SEEN);
         let extent = well_seen.flat_map(Tile::ends).fold(self.driven, Extent::with);
-        let extent = if self.is_full() { self.reached } else { extent };
-        if self.is_full() || extent.cells() > MOST_CELLS {
+        if is_full || extent.cells() > MOST_CELLS {
             let [width, height] = extent.size().map(|side| side as f64 * self.resolution);
             return Err(GridError::TooLarge { width, height, resolution: self.resolution });
         }

@@ -5,7 +5,7 @@
 //!
 //! Both ask a trajectory for its pose at the stamps of the ground truth: [`PoseLookup`] says how.
 
-use crate::geometry::{Pose, StampedPose, wrap_angle};
+use crate::geometry::{Pose, StampedPose};
 use serde::Serialize;
 
 pub mod relations;
@@ -67,9 +67,7 @@ impl PoseLookup {
 
 fn interpolate(before: &StampedPose, after: &StampedPose, stamp: f64) -> Pose {
     let share = (stamp - before.stamp) / (after.stamp - before.stamp);
-    let (a, b) = (before.pose, after.pose);
-    let position = a.position() + share * (b.position() - a.position());
-    Pose::new(position.x, position.y, a.heading + share * wrap_angle(b.heading - a.heading))
+    before.pose.interpolated(after.pose, share)
 }
 
 /// Statistics of a list of errors, each at least 0; in the unit of the errors.

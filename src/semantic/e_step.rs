@@ -25,7 +25,7 @@ pub fn table(
     Table::new(vec![clutter; seen.len()], landmarks.len(), |detection, landmark| {
         let seen = &seen[detection].1;
         let Some(prediction) = &predictions[landmark] else { return f64::NEG_INFINITY };
-        let log = model.log_density(prediction.innovation(seen), model.variances(seen), tempering)
+        let log = model.log_density(prediction.innovation(seen.range, seen.bearing), model.variances(seen), tempering)
             + model.class_log_likelihood(&landmarks[landmark].classes, seen.class);
         // What is far off splits the frame from the rest: so blocks stay small.
         if log < clutter + MIN_ADVANTAGE { f64::NEG_INFINITY } else { log }
@@ -81,7 +81,7 @@ fn keep_likeliest(pairs: &mut Vec<Pair>, table: &Table) {
 }
 
 /// π_j(c) ∝ Π p(label | c)^w over the pairs of landmark j; and the sum of its weights.
-pub fn class_posteriors(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &mut Estimate) {
+fn class_posteriors(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &mut Estimate) {
     let classes = model.classes();
     let mut logs = vec![vec![0.0; classes]; estimate.landmarks.len()];
     estimate.landmarks.iter_mut().for_each(|landmark| landmark.weight = 0.0);

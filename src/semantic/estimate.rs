@@ -2,8 +2,9 @@
 
 use super::e_step::table;
 use super::keyframes::Keyframe;
-use super::sensor_model::{CALIBRATION_SIGMAS, SensorModel, calibrated, motion_variances};
+use super::sensor_model::{CALIBRATION_SIGMAS, SensorModel, motion_variances};
 use crate::association::{Policy, associate};
+use crate::factor_graph::Odometry;
 use crate::geometry::Pose;
 use nalgebra::{Matrix2, Point2, Vector3};
 
@@ -67,14 +68,14 @@ impl Estimate {
                 associate(&table, Policy::Hungarian).log_likelihood
             })
             .sum();
-        let off = self.calibration - Vector3::new(1.0, 1.0, 0.0);
+        let off = self.calibration - Vector3::from(Odometry::CALIBRATED);
         let prior = 0.5 * off.component_div(&Vector3::from(CALIBRATION_SIGMAS)).norm_squared();
         let odometry: f64 = self
             .poses
             .windows(2)
             .zip(keyframes.iter().skip(1))
             .map(|(pair, keyframe)| {
-                let predicted = Pose::exp(calibrated(keyframe.twist, self.calibration).0);
+                let predicted = Pose::exp(Odometry::calibrated(keyframe.twist, self.calibration).0);
                 let error = pair[1].seen_from(pair[0]).seen_from(predicted).log();
                 let variances = motion_variances(model.sensors.odometry.variances(&keyframe.motion));
                 0.5 * error.component_mul(&error).component_div(&variances).sum()

@@ -2,9 +2,10 @@
 //! pose, odometry's calibration and landmarks that follows from it.
 
 use super::keyframes::Keyframe;
-use super::sensor_model::{CALIBRATION_SIGMAS, LOSS_SCALE, Prediction, SensorModel, calibrated, motion_variances};
+use super::sensor_model::{CALIBRATION_SIGMAS, LOSS_SCALE, SensorModel, motion_variances};
 use crate::association::{Table, best_assignments};
 use crate::detections::Detection;
+use crate::factor_graph::{Odometry, Prediction};
 use crate::geometry::Pose;
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2, Matrix3, Point2, SMatrix, Vector2, Vector3};
 
@@ -78,7 +79,7 @@ impl Hypothesis {
         covariance.fixed_view_mut::<3, 3>(3, 3).set_diagonal(&calibration);
         Self {
             pose: Pose::IDENTITY,
-            calibration: Vector3::new(1.0, 1.0, 0.0),
+            calibration: Vector3::from(Odometry::CALIBRATED),
             landmarks: Vec::new(),
             covariance,
             log_likelihood: 0.0,
@@ -89,7 +90,7 @@ impl Hypothesis {
 
     /// Moves the robot by calibrated odometry.
     pub fn predict(&mut self, model: &SensorModel<'_>, keyframe: &Keyframe) {
-        let (twist, by_calibration) = calibrated(keyframe.twist, self.calibration);
+        let (twist, by_calibration) = Odometry::calibrated(keyframe.twist, self.calibration);
         let moved = Pose::exp(twist);
         let by_pose = moved.inverse().adjoint();
         let by_calibration = Pose::exp_jacobian(twist) * by_calibration;
@@ -190,9 +191,10 @@ impl Hypothesis {
                 covariance.fixed_view_mut::<2, 2>(2 * column, 2 * row).copy_from(&block.transpose());
             }
             let own = covariance.fixed_view::<2, 2>(2 * row, 2 * row).into_owned();
-            let (noise, _) = inflated(model, &seen[*detection], prediction, own)?;
+            let seen = &seen[*detection];
+            let (noise, _) = inflated(model, seen, prediction, own)?;
             covariance.fixed_view_mut::<2, 2>(2 * row, 2 * row).copy_from(&(own + Matrix2::from_diagonal(&noise)));
-            innovation.fixed_rows_mut::<2>(2 * row).copy_from(&prediction.innovation(&seen[*detection]));
+            innovation.fixed_rows_mut::<2>(2 * row).copy_from(&prediction.innovation(seen.range, seen.bearing));
         }
         Some(Some(Pairs { pairs, innovation, factor: Cholesky::new(covariance)? }))
     }
@@ -300,7 +302,7 @@ fn inflated(
     prediction: &Prediction,
     predicted: Matrix2<f64>,
 ) -> Option<(Vector2<f64>, f64)> {
-    let innovation = prediction.innovation(seen);
+    let innovation = prediction.innovation(seen.range, seen.bearing);
     let mut noise = model.variances(seen);
     let distance = |covariance: Matrix2<f64>| Some((covariance.try_inverse()? * innovation).dot(&innovation));
     let squared = distance(predicted + Matrix2::from_diagonal(&noise))?;

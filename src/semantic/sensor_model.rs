@@ -2,8 +2,9 @@
 
 use crate::association::class_log_likelihood;
 use crate::detections::{Detection, Sensors};
-use crate::geometry::{Pose, wrap_angle};
-use nalgebra::{DMatrix, Matrix2, Matrix2x3, Matrix3, Point2, Vector2, Vector3};
+use crate::factor_graph::{Prediction, RangeBearing};
+use crate::geometry::Pose;
+use nalgebra::{DMatrix, Point2, Vector2, Vector3};
 
 /// Scale c of the loss ½ c² ln(1 + d²/c²), in standard deviations: real detections have gross outliers, and beyond three
 /// standard deviations a normal error is not to be expected in a few hundred.
@@ -22,25 +23,6 @@ pub struct SensorModel<'a> {
     /// As they are described.
     pub sensors: &'a Sensors,
     confusion: DMatrix<f64>,
-}
-
-/// A landmark as it would be seen: range \[m\] and bearing \[rad\], and the derivatives by a step of the pose (forward,
-/// sideways, turn) and by the landmark's position.
-#[derive(Clone, Copy, Debug)]
-pub struct Prediction {
-    /// Range and bearing.
-    pub mean: Vector2<f64>,
-    /// By the pose's step.
-    pub by_pose: Matrix2x3<f64>,
-    /// By the landmark's position.
-    pub by_point: Matrix2<f64>,
-}
-
-impl Prediction {
-    /// Measured less predicted.
-    pub fn innovation(&self, seen: &Detection) -> Vector2<f64> {
-        Vector2::new(seen.range - self.mean.x, wrap_angle(seen.bearing - self.mean.y))
-    }
 }
 
 impl<'a> SensorModel<'a> {
@@ -82,21 +64,8 @@ impl<'a> SensorModel<'a> {
 
     /// A landmark as seen from a pose; none where it stands in the sensor.
     pub fn predict(&self, world_from_robot: Pose, landmark: Point2<f64>) -> Option<Prediction> {
-        let to_sensor = self.sensors.robot_from_sensor.inverse();
-        let in_robot = world_from_robot.inverse() * landmark;
-        let seen = (to_sensor * in_robot).coords;
-        let range = seen.norm();
-        if range < 1e-6 {
-            return None;
-        }
-        let (along, across) = (seen / range, Vector2::new(-seen.y, seen.x) / (range * range));
-        let by_seen = Matrix2::new(along.x, along.y, across.x, across.y);
-        let moved = Matrix2x3::new(-1.0, 0.0, in_robot.y, 0.0, -1.0, -in_robot.x);
-        Some(Prediction {
-            mean: Vector2::new(range, seen.y.atan2(seen.x)),
-            by_pose: by_seen * turn(to_sensor.heading) * moved,
-            by_point: by_seen * turn(to_sensor.heading - world_from_robot.heading),
-        })
+        let prediction = RangeBearing::predict(world_from_robot, landmark, self.sensors.robot_from_sensor);
+        (prediction.mean.x >= 1e-6).then_some(prediction)
     }
 
     /// Where the object of a detection is.
@@ -120,17 +89,4 @@ impl<'a> SensorModel<'a> {
 /// The noise of a motion (forward \[m\], sideways \[m\], turn \[rad\]), as variances.
 pub fn motion_variances(variances: [f64; 3]) -> Vector3<f64> {
     Vector3::from(variances).map(|variance| variance.max(MIN_MOTION_SIGMA * MIN_MOTION_SIGMA))
-}
-
-/// The twist of calibrated odometry, (s u, s v, t w + k u), and its derivative by the calibration (s, t, k): the model of
-/// [`Odometry`](crate::factor_graph::Odometry).
-pub fn calibrated(twist: Vector3<f64>, calibration: Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
-    let (scale, turn_scale, curvature) = (calibration.x, calibration.y, calibration.z);
-    let moved = Vector3::new(scale * twist.x, scale * twist.y, turn_scale * twist.z + curvature * twist.x);
-    (moved, Matrix3::new(twist.x, 0.0, 0.0, twist.y, 0.0, 0.0, 0.0, twist.z, twist.x))
-}
-
-fn turn(angle: f64) -> Matrix2<f64> {
-    let (sin, cos) = angle.sin_cos();
-    Matrix2::new(cos, -sin, sin, cos)
 }

@@ -42,7 +42,7 @@
 //! # Ranges
 //! Ranges below `range_min` become NaN; `range_max` is the maximum range.
 
-use crate::geometry::{Pose, wrap_angle};
+use crate::geometry::Pose;
 use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use frames::Mounting;
 use messages::{Header, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
@@ -337,11 +337,9 @@ fn reading(stamp: i64, message: &LaserScan, mounting: Option<Mounting>) -> Resul
 
 /// The pose on an even way from one to the other.
 fn between(before: StampedOdometry, after: StampedOdometry, stamp: i64) -> Pose {
-    let (from, to) = (before.odom_from_robot, after.odom_from_robot);
     if stamp <= before.stamp {
-        return from;
+        return before.odom_from_robot;
     }
     let share = (stamp - before.stamp) as f64 / (after.stamp - before.stamp) as f64;
-    let turn = wrap_angle(to.heading - from.heading);
-    Pose::new(from.x + share * (to.x - from.x), from.y + share * (to.y - from.y), from.heading + share * turn)
+    before.odom_from_robot.interpolated(after.odom_from_robot, share)
 }
