@@ -57,7 +57,10 @@ fn a_minute_in_the_building_stays_close_to_the_truth() {
     assert!(absolute_error(&wrong, &truth) > ALLOWED, "a torn trajectory goes unnoticed");
 
     let clusters = result.map.clusters.len();
-    few_maps().smoother().smooth(&simulation, &mut result, &mut |_| {}).unwrap();
+    let mut shares = Vec::new();
+    few_maps().smoother().smooth(&simulation, &mut result, &mut |share| shares.push(share)).unwrap();
+    assert!(shares.len() >= 3 && shares.is_sorted() && (0.0..=1.0).contains(&shares[0]), "{shares:?}");
+    assert!(shares.last().is_some_and(|last| (0.7..=1.0).contains(last)), "{shares:?}");
     let after = absolute_error(&result.trajectory(), &truth);
     println!(
         "seed {SEED}: ATE {before:.4} m, smoothed {after:.4} m; {clusters} clusters, then {}",

@@ -271,7 +271,9 @@ fn options_win_over_the_file_and_the_file_over_the_preset() {
     place.write("drive.log", drive(1.0).1);
     place.write("my.toml", "particles = 6\nmaps = 6\nseed = 7\n[filter]\ntemper = 0.25\n");
     let words = ["run", "drive.log", "--preset", "paper", "--config", "my.toml", "--maps", "2", "--max-scans", "3"];
-    place.ipslam(&words).ended(0);
+    place.ipslam(&[&words[..], &["--cell-size", "0.1"]].concat()).ended(0);
+    let grid = std::fs::read_to_string(place.path("ipslam-out/drive/map.yaml")).unwrap();
+    assert!(grid.contains("resolution: 0.1\n"), "{grid}");
     let summary = place.summary("ipslam-out/drive");
     let configuration = &summary["configuration"];
     let found = [&configuration["particles"], &configuration["maps"], &configuration["seed"]].map(Value::as_u64);
@@ -290,7 +292,7 @@ fn wrong_usage_ends_with_2() {
     place.write("nan.toml", "[motion]\nheading_floor = nan\n");
     place.write("type.toml", "seed = \"one\"\n");
     place.write("binary.toml", "\u{1}\u{2}");
-    let cases: [(&[&str], &[&str]); 20] = [
+    let cases: [(&[&str], &[&str]); 21] = [
         (&["run", "--particles", "0"], &["--particles", "1 to 10000000"]),
         (&["run", "--particles", "-5"], &["--particles"]),
         (&["run", "--particles", "20000000", "--maps", "1"], &["--particles", "1 to 10000000"]),
@@ -303,6 +305,7 @@ fn wrong_usage_ends_with_2() {
         (&["run", "--seed", "18446744073709551615"], &["--seed", "at most 9223372036854775807"]),
         (&["run", "--seed", "-1"], &["--seed"]),
         (&["run", "--max-scans", "0"], &["--max-scans"]),
+        (&["run", "--cell-size", "0"], &["--cell-size", "0.001 to 10"]),
         (&["run", "--preset", "best"], &["--preset", "paper"]),
         (&["run", "--config", "key.toml"], &["key.toml", "line 2", "resample_bellow", "resample_below"]),
         (&["run", "--config", "value.toml"], &["filter.temper is -1"]),
