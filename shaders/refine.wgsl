@@ -153,7 +153,7 @@ fn refine(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
     let robot = Robot(pose, sin_cos(pose.z));
     var sums = Sums();
     if group.count > 32u {
-        // Every lane looks at the same tile, idle ones too.
+        // All lanes, idle ones too, evaluate the same tile.
         for (var tile = 0u; tile < job.tile_count; tile++) {
             let points = points_shared(tile, pose, robot.turn, lane);
             let best = evaluate_shared(list_of(workgroup.x, group, tile), points, lane);

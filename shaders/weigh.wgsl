@@ -11,7 +11,7 @@ fn weigh(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_inde
     let turn = sin_cos(pose.z);
     var sum = 0.0;
     if group.count > 32u {
-        // Every lane looks at the same tile, idle ones too.
+        // All lanes, idle ones too, evaluate the same tile.
         for (var tile = 0u; tile < job.tile_count; tile++) {
             let list = list_of(workgroup.x, group, tile);
             sum += sum_of(tile, evaluate_shared(list, points_shared(tile, pose, turn, lane), lane));

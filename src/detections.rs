@@ -28,7 +28,7 @@ pub struct Detection {
 pub struct Frame {
     /// Seconds; the clock is that of the odometry.
     pub stamp: f64,
-    /// Empty where the sensor looked and saw nothing.
+    /// Empty where the sensor worked and detected nothing.
     pub detections: Vec<Detection>,
 }
 

@@ -62,7 +62,7 @@ pub struct Outcome {
 pub enum End {
     /// The log is over.
     Log,
-    /// So many scans were asked for.
+    /// The maximum number of scans was reached.
     MaxScans,
     /// The caller wanted no more.
     Interrupted,

@@ -10,8 +10,7 @@
 
 use crate::ablation::AblationConfig;
 use crate::evaluator::PosePrior;
-use crate::evaluator::cpu::cull::{Candidates, LocalMap};
-use crate::evaluator::cpu::{View, refine};
+use crate::evaluator::cpu::match_scan;
 use crate::evaluator::pose::LocalPose;
 use crate::evaluator::tiles::tiles;
 use crate::geometry::Pose;
@@ -169,16 +168,13 @@ fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Smoother) -> P
     let near: Vec<usize> = (0..map.len()).filter(|&i| map[i].may_be_within(reach, guess.position())).collect();
     let origin = guess.position().map(f64::round);
     let params = near.iter().map(|&i| ClusterParams::new(&map[i], origin, &config.likelihood, config.ablation.latent));
-    let local = LocalMap::new(params, config.likelihood.log_outlier());
     let (position, heading) = (POSITION_SIGMA.powi(-2) as f32, HEADING_SIGMA.powi(-2) as f32);
-    let start = LocalPose::new(guess, origin);
-    let prior = PosePrior { pose: start, information: [position, 0.0, 0.0, position, 0.0, heading] };
-    let pose = refine(&local, &[start], &prior, &tiles, ITERATIONS).first().map_or(start, |mode| mode.pose);
-    let world_from_robot = pose.in_world(origin);
-    let mut candidates = Candidates::default();
-    candidates.cover(&local, &tiles, &[pose], [0.0; 2]);
-    let explained = View { tiles: &tiles, candidates: &candidates, log_outlier: local.log_outlier() }
-        .explain(pose)
+    let information = [position, 0.0, 0.0, position, 0.0, heading];
+    let prior = PosePrior { pose: LocalPose::new(guess, origin), information };
+    let matched = match_scan(params, config.likelihood.log_outlier(), &prior, &tiles, ITERATIONS);
+    let world_from_robot = matched.pose.in_world(origin);
+    let explained = matched
+        .likeliest
         .into_iter()
         .zip(&scan.points)
         .filter_map(|(cluster, &point)| Some((near[cluster?], world_from_robot * point)))

@@ -88,7 +88,7 @@ mod tests {
     const SEED: u64 = 7;
 
     /// Largest and mean error of a weight, and largest error of a log-likelihood, over 300 dense random blocks of 2 to
-    /// 8 detections and 2 to 12 landmarks, with terms in a range of so many nats.
+    /// 8 detections and 2 to 12 landmarks, with terms spread over `range` nats.
     fn errors(range: f64) -> [f64; 3] {
         let mut random = ChaCha8Rng::seed_from_u64(SEED);
         let (mut largest, mut sum, mut count, mut largest_log) = (0.0_f64, 0.0, 0.0, 0.0_f64);

@@ -184,7 +184,7 @@ mod tests {
         args: EvalArgs,
     }
 
-    /// A straight drive at 1 m/s along x, eight poses a second, and one of its relations told 0.5 m and 90° wrong.
+    /// A straight drive at 1 m/s along x, eight poses a second, and one of its relations wrong by 0.5 m and 90°.
     fn files() -> (tempfile::TempDir, Vec<String>) {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name).display().to_string();

@@ -46,7 +46,7 @@ pub struct LocalizeArgs {
     /// Most particles [default: 100000]
     #[arg(long, value_name = "COUNT")]
     max_particles: Option<usize>,
-    /// Take up the log so many seconds after its first entry
+    /// Start this many seconds after the first entry of the log
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     skip: f64,
     /// True poses in the map's frame (TUM or t x y theta), such as trajectory.tum of the run that made the map

@@ -31,7 +31,7 @@ mod workload;
 
 const EXIT_CODES: &str = "Exit codes:
   0    all went well
-  1    something failed; what could be written was written, and each failure is told
+  1    something failed; what could be written was written, and each failure is reported
   2    wrong usage: an option or a value of the configuration cannot be
   130  interrupted; what was done until then was written";
 

@@ -51,7 +51,7 @@ pub struct Bar {
 }
 
 impl Bar {
-    /// A bar for a log of so many bytes or entries, or a spinner where that is not known.
+    /// A bar of this length in bytes or entries, or a spinner where the length is not known.
     pub fn new(length: Option<u64>) -> Self {
         let bar = length.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
         let parts =

@@ -35,7 +35,7 @@ pub struct RunArgs {
     config: ConfigArgs,
     #[command(flatten)]
     threads: ThreadArgs,
-    /// End after so many laser readings
+    /// Maximum number of laser readings
     #[arg(long, value_name = "COUNT", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..))]
     max_scans: Option<u64>,
     #[command(flatten)]
@@ -124,7 +124,7 @@ pub struct Job<'a> {
     pub info: &'a RunInfo,
     /// That of the information.
     pub config: &'a SlamConfig,
-    /// End after so many laser readings.
+    /// Maximum number of laser readings.
     pub max_scans: Option<u64>,
     pub truth: &'a Truth<'a>,
     /// Side of a cell of the grid [m].

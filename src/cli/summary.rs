@@ -51,7 +51,7 @@ impl Summary<'_> {
         self.report.relations.is_some() || self.report.reference.is_some()
     }
 
-    /// What is worth a look, though the run went on.
+    /// Warnings: the run went on.
     fn warnings(&self) -> Vec<String> {
         let (stats, counts) = (&self.mapped.stats, &self.mapped.counts);
         let mut warnings = Vec::new();

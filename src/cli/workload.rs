@@ -39,8 +39,8 @@ pub struct Workload {
 }
 
 impl Workload {
-    /// So many particles in the middle of a building of so many walls, offices with open doors, and the scan of so many
-    /// beams all round that the robot has there. More clusters make a larger building.
+    /// `particles` in the middle of a building of offices with open doors, `clusters` walls in all, and the scan all round
+    /// that the robot takes there, of `points` beams. More clusters make a larger building.
     pub fn new(particles: usize, points: usize, clusters: usize) -> Self {
         let walls = walls(clusters);
         let mut pool = Pool::default();
@@ -67,7 +67,7 @@ impl Workload {
         (self.poses.len() * self.points * self.table.rows().len()) as f64
     }
 
-    /// The same where only candidates are looked at, of groups of this size.
+    /// The same with candidates alone, of groups of this size.
     pub fn candidate_pairs(&self, group: usize) -> f64 {
         let map = self.local_map();
         let mut pairs = 0.0;
@@ -108,7 +108,7 @@ impl Workload {
         best_of(least, weigh).unwrap_or_else(|never| match never {})
     }
 
-    /// Clusters around the robot, which brute force looks through.
+    /// Clusters around the robot, all of which brute force evaluates.
     pub fn clusters_near(&self) -> usize {
         self.maps[0].len()
     }

@@ -269,7 +269,7 @@ impl Cholesky {
         if self.factorize(structure, hessian) {
             (share, row) = self.least_pivot(structure, hessian);
         } else {
-            // With a little damping there are pivots to look at.
+            // With a little damping there are pivots to test.
             let mut damped = Vec::new();
             structure.damp(hessian, 1e3 * FREE, &mut damped);
             if self.factorize(structure, &damped) {

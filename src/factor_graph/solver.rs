@@ -3,10 +3,10 @@
 use super::linear::{Cholesky, Normal, Structure};
 use super::{Graph, GraphError, Values};
 
-/// How a minimum is looked for.
+/// When the search for a minimum ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolverConfig {
-    /// At most so many steps are taken.
+    /// Maximum number of steps.
     pub iterations: usize,
     /// The search has ended when a step promises to lower the error by less than this share.
     pub relative_tolerance: f64,

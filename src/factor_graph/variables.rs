@@ -27,7 +27,7 @@ pub enum Kind {
     Pose,
     /// A point of the plane \[m\]. Steps add.
     Point,
-    /// So many numbers. Steps add.
+    /// A vector of this dimension; an update is added.
     Vector(usize),
 }
 

@@ -82,7 +82,7 @@ impl Extent {
 /// Side of a tile in cells. Only tiles that a beam passes take memory.
 const TILE: i64 = 32;
 /// One beam that comes from far away may be anything. A grid reaches to where the robot was, one tile further, and to
-/// every tile in which so many beams ended.
+/// every tile in which this many beams ended.
 const WELL_SEEN: u32 = 3;
 /// A beam that passes more cells is longer than the largest square grid is wide, and counts as one without return.
 const LONGEST_BEAM: f64 = 10_000.0;
@@ -178,7 +178,7 @@ impl GridBuilder {
         })
     }
 
-    /// Whether beams passed so many tiles that no grid can be made of them.
+    /// Whether beams passed more tiles than a grid can have.
     fn is_full(&self) -> bool {
         self.tiles.len() as u64 > MOST_CELLS / (TILE * TILE) as u64
     }
@@ -190,7 +190,7 @@ impl GridBuilder {
     /// It would have too many cells, or there was no scan.
     pub fn finish(self) -> Result<OccupancyGrid, GridError> {
         let is_full = self.is_full();
-        // Where it is full, all of it is told.
+        // Where it is full, the error names the whole extent.
         let well_seen = self.tiles.iter().filter(|tile| is_full || tile.is_near || tile.ends >= WELL_SEEN);
         let extent = well_seen.flat_map(Tile::ends).fold(self.driven, Extent::with);
         if is_full || extent.cells() > MOST_CELLS {

@@ -2,7 +2,7 @@
 //!
 //! **Coordinates are metres in the world's frame** (the robot's first pose is the origin, x ahead of it, y to its left),
 //! not the longitudes and latitudes that the RFC asks for: where on Earth a building stands is not known. The file
-//! says so in its member `frame`; a program that reads it has to be told to take them for a local plane.
+//! says so in its member `frame`; set the coordinate system of the program that reads it to a local plane.
 //!
 //! Properties of a line: `count`, the points that the wall stands for, and `std_across`, its thickness as a standard
 //! deviation \[m\].

@@ -54,7 +54,7 @@ pub struct InitialPose {
     pub heading_sigma: f64,
 }
 
-/// Why a robot cannot be looked for in a map.
+/// Why a robot cannot be localised in a map.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LocalizationError {
@@ -313,7 +313,7 @@ impl Localization {
         Drawn { particles, bins }
     }
 
-    /// So many of these particles are enough for the bins that they fall in.
+    /// The number of particles that the KLD bound asks for, given the bins that they fall in.
     fn sample_size(&self, particle: impl Fn(u32) -> LocalPose) -> SampleSize {
         let LocalizationConfig { max_particles, min_particles, .. } = self.config;
         sample_size(min_particles, max_particles, |number| bin(particle(number)))

@@ -122,7 +122,7 @@ enum State {
     Gone,
 }
 
-/// A map whose clusters that have come to overlap are one (many steps after [`merge_scan`] looked at them). The union of two
+/// A map whose clusters that have come to overlap are one (many steps after [`merge_scan`] matched them). The union of two
 /// was seen as often as the one of them that was seen more often.
 pub fn consolidated(map: &[MapCluster], matching: &MatchingConfig, config: &MergingConfig) -> Vec<MapCluster> {
     let entry = |&entry: &MapCluster| Entry { slot: None, entry, state: State::Changed };

@@ -1,4 +1,4 @@
-//! Recordings of runs, to be looked at and run again.
+//! Recordings of runs, for the viewer and for replay.
 
 #[cfg(feature = "record")]
 pub mod rerun;

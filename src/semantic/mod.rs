@@ -49,8 +49,8 @@ use keyframes::Keyframe;
 use nalgebra::Matrix2;
 use sensor_model::SensorModel;
 
-/// In the first sweep detections are taken to be so many times as noisy as they are, and in the last as noisy as they are:
-/// else, landmarks that are alike would fix their weights before the path has settled.
+/// Annealing: the first sweep multiplies the noise of detections by this, the last one by 1. Else landmarks that are alike
+/// would fix their weights before the path has settled.
 const FIRST_TEMPERING: f64 = 3.0;
 /// A landmark goes whose weights sum to less: one detection alone is as likely clutter.
 const MIN_LANDMARK_WEIGHT: f64 = 1.5;

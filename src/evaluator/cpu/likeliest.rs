@@ -11,7 +11,7 @@ use crate::likelihood::ClusterParams;
 use crate::math::sin_cos;
 use pulp::{Arch, Simd, WithSimd};
 
-/// A scan, and the candidates that hold for the poses it is looked at from.
+/// A scan, and the candidates that hold for the poses it is evaluated at.
 #[derive(Clone, Copy)]
 pub struct View<'a> {
     /// The points.

@@ -3,9 +3,11 @@
 use super::grouping::{ParticleGroup, by_place, in_order};
 use super::pose::LocalPose;
 use super::{Advance, Evaluator, Mode, PosePrior, Propagation, Proposal, Scene, Weighed};
+use crate::evaluator::tiles::Tile;
 use crate::gpu::DeviceError;
+use crate::likelihood::ClusterParams;
 use crate::map::Slot;
-use cull::LocalMap;
+use cull::{Candidates, LocalMap};
 use rayon::prelude::*;
 
 pub mod cull;
@@ -16,13 +18,14 @@ mod refine;
 mod weigh;
 
 pub use likeliest::View;
-pub use refine::{Evaluation, refine};
+pub use refine::Evaluation;
+use refine::refine;
 
 /// The evaluator on the CPU. It never fails.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CpuEvaluator;
 
-/// Particles that climb together: few, so that the few of a look between steps keep all cores busy.
+/// Particles that climb together: few, so that tracking between steps, which has few, keeps all cores busy.
 const CLIMBERS: usize = 16;
 /// Particles that are weighed together: many, so that their lists cost little next to what they serve.
 const WEIGHED: usize = 64;
@@ -91,6 +94,32 @@ pub fn advance_all(scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Vec
         poses.into_iter().zip(log_likelihoods).map(weighed).collect::<Vec<_>>()
     };
     poses.par_chunks(WEIGHED).enumerate().flat_map_iter(advance).collect()
+}
+
+/// A scan matched to a map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Matched {
+    /// The mode of the posterior that Gauss-Newton steps from the mean of the prior climb to.
+    pub pose: LocalPose,
+    /// For each point the number of its likeliest cluster from there (the maximum of eq. 18); `None` for an outlier.
+    pub likeliest: Vec<Option<usize>>,
+}
+
+/// Matches one scan to one map. [`Evaluator`] has many particles for one scan, smoothing has many scans and one pose of each: it
+/// calls this for each scan, on all cores.
+pub fn match_scan(
+    clusters: impl IntoIterator<Item = ClusterParams>,
+    log_outlier: f32,
+    prior: &PosePrior,
+    tiles: &[Tile],
+    iterations: u32,
+) -> Matched {
+    let map = LocalMap::new(clusters, log_outlier);
+    let pose = refine(&map, &[prior.pose], prior, tiles, iterations).first().map_or(prior.pose, |mode| mode.pose);
+    let mut candidates = Candidates::default();
+    candidates.cover(&map, tiles, &[pose], [0.0; 2]);
+    let likeliest = View { tiles, candidates: &candidates, log_outlier }.explain(pose);
+    Matched { pose, likeliest }
 }
 
 fn local_map(scene: &Scene<'_>, slots: &[Slot]) -> LocalMap {

@@ -155,7 +155,7 @@ impl Phase {
     }
 }
 
-/// Clusters in a candidate list; where more reach a tile, all clusters of the map are looked through.
+/// Clusters in a candidate list; where more reach a tile, all clusters of the map are evaluated.
 pub const LIST_ROOM: usize = 63;
 /// Particles in a group: lanes of a workgroup.
 pub const GROUP: usize = 64;

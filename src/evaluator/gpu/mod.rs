@@ -107,7 +107,7 @@ impl GpuEvaluator {
     }
 
     /// The candidate lists of poses that all are of the first map, in one group: for each tile the slots, or `None` where
-    /// they did not fit and all are looked through.
+    /// they did not fit and all are evaluated.
     ///
     /// # Errors
     /// The device failed.
@@ -303,7 +303,7 @@ fn group_rows(scene: &Scene<'_>, particles: Particles<'_>, groups: &[ParticleGro
     (rows, slots)
 }
 
-/// A particle that was drawn from the motion and looked at no map.
+/// A particle drawn from the motion alone, in no map.
 fn undrawn([x, y, heading, _]: [f32; 4]) -> Proposal {
     let pose = LocalPose { x, y, heading };
     Proposal { drawn: pose, mode: Mode { pose, ..Mode::default() } }

@@ -277,7 +277,7 @@ impl CarmenReader {
         }))
     }
 
-    /// The angles of a sweep whose message holds only ranges: as the user or the log tells, or as lasers of so many beams
+    /// The angles of a sweep whose message holds only ranges: as the user or the log tells, or as lasers of this number of beams
     /// have them.
     fn angles(&mut self, mounting: Mounting, beams: usize) -> (f64, f64) {
         let implied = implied_angles(beams);

@@ -121,7 +121,7 @@ pub fn implied_angles(beams: usize) -> (f64, f64) {
     (f64::to_radians(first), f64::to_radians(step))
 }
 
-/// Whether [`implied_angles`] knows a laser of so many beams, or guesses.
+/// Whether [`implied_angles`] knows a laser of this number of beams, or guesses.
 pub(super) fn is_known_laser(beams: usize) -> bool {
     matches!(beams, 180 | 181 | 360 | 361 | 400 | 401 | 540 | 541 | 682 | 683 | 769)
 }

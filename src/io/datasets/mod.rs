@@ -130,7 +130,7 @@ impl Dataset {
 const MAX_CLASSES: f64 = 1000.0;
 /// Share of wrong labels, where nothing else is asked for.
 const WRONG_LABELS: f64 = 0.1;
-/// Sensors are told of some wrong labels even where there are none: else one would be beyond belief.
+/// Lowest error rate of labels in `sensors.toml`: at zero, a single wrong label would have no probability at all.
 const MOST_ACCURATE: f64 = 0.99;
 
 /// Classes that are made up.

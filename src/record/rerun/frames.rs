@@ -1,4 +1,4 @@
-//! The frames of a recording, looked at before the decoder sees them: it takes the lengths in their headers at their word, and
+//! The frames of a recording, checked before the decoder sees them: it takes the lengths in their headers at their word, and
 //! would make room for whatever a damaged file claims.
 //!
 //! A recording is a header of 12 bytes that begins with `RRF2`, and frames: a kind and a length, 64 bits each, then as many

@@ -22,7 +22,7 @@ const MOST_PARTICLES: usize = 2000;
 const MOST_PARTICLES_IF_LIGHT: usize = 250;
 /// Poses in a piece of a trail. A step logs the last piece anew, so its cost does not grow with the run.
 const TRAIL_PIECE: usize = 64;
-/// Ellipses take several times the room of the clusters, so they follow every so many steps.
+/// Ellipses take several times the room of the clusters, so they are logged every few steps.
 const ELLIPSES_EVERY: u32 = 10;
 /// Corners of the polygon that stands for an ellipse.
 const ELLIPSE_CORNERS: u32 = 16;
@@ -44,7 +44,7 @@ pub(super) struct About {
     pub configuration: Config,
 }
 
-/// What is remembered from step to step.
+/// State from step to step.
 pub(super) struct Recorder {
     stream: RecordingStream,
     /// What all paths lie under.

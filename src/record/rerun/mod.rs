@@ -66,7 +66,7 @@ pub enum RecordError {
         ::rerun::build_info().version
     )]
     NoViewer {
-        /// Where it was looked for.
+        /// Where it was sought.
         url: String,
         /// What was wrong.
         reason: String,
@@ -83,7 +83,7 @@ pub struct RerunObserver {
     /// `None` once the recording ended.
     recorder: Option<Recorder>,
     failure: Option<String>,
-    /// What to look at where the recording breaks off.
+    /// What may have cut the recording short.
     hint: &'static str,
     /// Of a recording to a file, until its first step is in it.
     begun: Option<Begun>,
