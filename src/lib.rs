@@ -95,6 +95,7 @@ pub mod filter;
 pub mod geometry;
 pub mod gpu;
 pub mod grid;
+pub mod inertial;
 pub mod io;
 pub mod likelihood;
 pub mod localization;

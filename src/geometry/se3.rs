@@ -54,7 +54,7 @@ impl Pose3 {
     /// The constant motion that leads here, of the least rotation: `Pose3::exp(pose.log())` is `pose`.
     pub fn log(self) -> Vector6<f64> {
         let rotation = self.rotation.scaled_axis();
-        let translation = inverse_rotation_jacobian(-rotation) * self.position.coords;
+        let translation = rotation_log_jacobian(-rotation) * self.position.coords;
         let (t, r) = (translation, rotation);
         Vector6::new(t.x, t.y, t.z, r.x, r.y, r.z)
     }
@@ -69,7 +69,7 @@ impl Pose3 {
     /// than a full turn.
     pub fn log_jacobian(twist: Vector6<f64>) -> Matrix6<f64> {
         let (translation, rotation) = parts(twist);
-        let inverse = inverse_rotation_jacobian(rotation);
+        let inverse = rotation_log_jacobian(rotation);
         blocks(inverse, -inverse * coupling(-translation, -rotation) * inverse)
     }
 }
@@ -99,7 +99,7 @@ pub fn rotation_jacobian(rotation: Vector3<f64>) -> Matrix3<f64> {
 }
 
 /// J⁻¹ of [`rotation_jacobian`], for rotations of less than a full turn.
-fn inverse_rotation_jacobian(rotation: Vector3<f64>) -> Matrix3<f64> {
+pub fn rotation_log_jacobian(rotation: Vector3<f64>) -> Matrix3<f64> {
     let [_, c2, c3, c4, _] = series(rotation.norm_squared());
     let cross = rotation.cross_matrix();
     Matrix3::identity() + 0.5 * cross + (c3 - 2.0 * c4) / (2.0 * c2) * cross * cross
@@ -111,10 +111,7 @@ fn coupling(translation: Vector3<f64>, rotation: Vector3<f64>) -> Matrix3<f64> {
     let (t, r) = (translation.cross_matrix(), rotation.cross_matrix());
     let (rt, tr) = (r * t, t * r);
     let rtr = rt * r;
-    0.5 * t
-        + c3 * (rt + tr + rtr)
-        + c4 * (r * rt + tr * r - 3.0 * rtr)
-        + 0.5 * (c4 - 3.0 * c5) * (rtr * r + r * rtr)
+    0.5 * t + c3 * (rt + tr + rtr) + c4 * (r * rt + tr * r - 3.0 * rtr) + 0.5 * (c4 - 3.0 * c5) * (rtr * r + r * rtr)
 }
 
 /// Of an angle θ, by its square: sin θ / θ, and in turn the same series without its first terms,
@@ -171,11 +168,14 @@ mod tests {
 
     fn twists() -> impl Strategy<Value = Vector6<f64>> {
         // Rotations of any size from none to nearly half a turn.
-        let direction = prop::array::uniform3(-1.0..1.0f64).prop_map(|axis| Vector3::from(axis) + Vector3::repeat(1e-3));
-        (prop::array::uniform3(-5.0..5.0f64), direction, 0.0..3.1f64, -8.0..0.0f64).prop_map(|(t, axis, angle, size)| {
-            let rotation = axis.normalize() * angle * 10f64.powf(size.min(-4.0) + 4.0);
-            Vector6::new(t[0], t[1], t[2], rotation.x, rotation.y, rotation.z)
-        })
+        let direction =
+            prop::array::uniform3(-1.0..1.0f64).prop_map(|axis| Vector3::from(axis) + Vector3::repeat(1e-3));
+        (prop::array::uniform3(-5.0..5.0f64), direction, 0.0..3.1f64, -8.0..0.0f64).prop_map(
+            |(t, axis, angle, size)| {
+                let rotation = axis.normalize() * angle * 10f64.powf(size.min(-4.0) + 4.0);
+                Vector6::new(t[0], t[1], t[2], rotation.x, rotation.y, rotation.z)
+            },
+        )
     }
 
     proptest! {

@@ -22,6 +22,7 @@ mod picture;
 mod proposal;
 mod semantic;
 mod simulate;
+mod space;
 #[path = "../common/wall.rs"]
 mod wall;
 
