@@ -5,8 +5,11 @@
 //! The body's frame is that of the sensor. A gyroscope reads the body's rate of rotation, an accelerometer its specific
 //! force: at rest, one g upwards. Both have a bias and white noise, and the biases wander.
 
-use crate::geometry::rotation_jacobian;
+use crate::geometry::{Pose3, rotation_jacobian};
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
+
+/// Gravity in a frame whose z axis points up \[m/s²\].
+pub const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
 /// One reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -141,6 +144,13 @@ impl Preintegration {
             }
         }
         (sum.duration > 0.0).then_some(sum)
+    }
+
+    /// Pose and velocity at the second moment, by those at the first, in a world whose z axis points up.
+    pub fn predict(&self, pose: Pose3, velocity: Vector3<f64>) -> (Pose3, Vector3<f64>) {
+        let (rotation, t) = (pose.rotation, self.duration);
+        let position = pose.position + velocity * t + 0.5 * GRAVITY * t * t + rotation * self.position;
+        (Pose3::new(position, rotation * self.rotation), velocity + GRAVITY * t + rotation * self.velocity)
     }
 
     /// ΔR, Δp and Δv for another bias, to first order (eq. 44).

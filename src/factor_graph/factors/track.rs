@@ -3,7 +3,7 @@
 use super::{Factor, Jacobian};
 use crate::factor_graph::{GraphError, Values, VariableId};
 use crate::geometry::{Pinhole, Pose3};
-use nalgebra::{DVector, Matrix2x3, Matrix3, MatrixXx3, Point2, Vector3, Vector4};
+use nalgebra::{DVector, Matrix3, MatrixXx3, Point2, Vector3, Vector4};
 
 /// A feature that a camera followed over several poses, whose place in the world nobody asks for.
 ///
@@ -16,21 +16,16 @@ use nalgebra::{DVector, Matrix2x3, Matrix3, MatrixXx3, Point2, Vector3, Vector4}
 /// with J and Jₓ its derivatives by the landmark and the poses: what no step of the landmark can undo. So the normal equations
 /// are those of a graph with the landmark in it, after its elimination (Schur complement).
 ///
-/// The landmark is held as direction and inverse distance as seen from the first pose, so that it may be far away, and poses
-/// without a baseline still tell their rotation.
+/// The landmark is held as direction and inverse distance as seen from one of the poses, so that it may be far away, and
+/// poses without a baseline still tell their rotation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
     poses: Vec<VariableId>,
     measured: Vec<Point2<f64>>,
     camera: Pinhole,
     robot_from_camera: Pose3,
-}
-
-/// A point as seen from some pose: its place is `direction` / `inverse_distance`.
-#[derive(Clone, Copy)]
-struct Landmark {
-    direction: Vector3<f64>,
-    inverse_distance: f64,
+    /// Of Cauchy's loss \[pixels\].
+    loss_scale: f64,
 }
 
 impl Track {
@@ -41,94 +36,152 @@ impl Track {
         robot_from_camera: Pose3,
     ) -> Self {
         let (poses, measured) = views.into_iter().unzip();
-        Self { poses, measured, camera, robot_from_camera }
+        Self { poses, measured, camera, robot_from_camera, loss_scale: f64::INFINITY }
     }
 
-    /// The place of the feature as seen from its first camera: (x, y, z, w), which stands for (x, y, z) / w \[m\]; none
-    /// where no place is ahead of all cameras.
+    /// The same with Cauchy's loss for each view, ½ c² log(1 + d²/c²) of its distance d, by this scale c \[pixels\]: a
+    /// track may show another point for a while. The loss of the whole term stays a square.
+    #[must_use]
+    pub fn with_loss(self, scale: f64) -> Self {
+        Self { loss_scale: scale, ..self }
+    }
+
+    /// The place of the feature in the world: (x, y, z, w), which stands for (x, y, z) / w \[m\]; none where no place is
+    /// ahead of all cameras.
     ///
     /// # Errors
     /// A variable is no pose of space.
     pub fn triangulate(&self, values: &Values) -> Result<Option<Vector4<f64>>, GraphError> {
-        let found = self.fit(&self.cameras(values)?);
-        Ok(found.map(|(Landmark { direction: d, inverse_distance }, ..)| Vector4::new(d.x, d.y, d.z, inverse_distance)))
+        let cameras = self.cameras(values)?;
+        let in_world = |Fit { anchor, landmark: Landmark { direction, inverse_distance }, .. }: Fit| {
+            let at = cameras[anchor].rotation * direction + inverse_distance * cameras[anchor].position.coords;
+            at.push(inverse_distance)
+        };
+        Ok(self.fit(&cameras).map(in_world))
     }
 
-    /// All cameras, seen from the first one.
+    /// `world_from_camera` of all views.
     fn cameras(&self, values: &Values) -> Result<Vec<Pose3>, GraphError> {
-        let mut cameras = Vec::with_capacity(self.poses.len());
-        for pose in &self.poses {
-            cameras.push(values.pose3(*pose)? * self.robot_from_camera);
-        }
-        let first = cameras.first().copied().unwrap_or(Pose3::identity());
-        Ok(cameras.into_iter().map(|camera| camera.seen_from(first)).collect())
+        let camera = |pose: &VariableId| Ok(values.pose3(*pose)? * self.robot_from_camera);
+        self.poses.iter().map(camera).collect()
     }
 
-    /// The residual of all views, and its derivative by the landmark.
-    fn look(&self, cameras: &[Pose3], landmark: Landmark) -> Option<(DVector<f64>, MatrixXx3<f64>)> {
-        let mut residual = DVector::zeros(2 * cameras.len());
-        let mut by_landmark = MatrixXx3::zeros(2 * cameras.len());
+    /// The landmark that fits the views best.
+    fn fit(&self, cameras: &[Pose3]) -> Option<Fit> {
+        // Any view may be wrong: as seen from where they agree most.
+        let last = cameras.len().checked_sub(1)?;
+        let mut best: Option<Fit> = None;
+        let mut anchors = vec![0, last / 2, last];
+        anchors.dedup();
+        for anchor in anchors {
+            let seen: Vec<Pose3> = cameras.iter().map(|camera| camera.seen_from(cameras[anchor])).collect();
+            let guess = self.guess(anchor, &seen);
+            let far = Landmark { inverse_distance: 0.0, ..guess };
+            let Some(views) = self.look(&seen, guess).or_else(|| self.look(&seen, far)) else { continue };
+            if best.as_ref().is_none_or(|best| views.cost() < best.views.cost()) {
+                best = Some(Fit { anchor, cameras: seen, landmark: views.landmark, views });
+            }
+        }
+        let mut fit = best?;
+        self.refine(&mut fit);
+        Some(fit)
+    }
+
+    /// On one view's ray, where the others' rays come nearest to it.
+    fn guess(&self, anchor: usize, cameras: &[Pose3]) -> Landmark {
+        let direction = self.camera.ray(self.measured[anchor]).coords;
+        // In a camera's picture, turned + w moved = 0 but for noise, in both directions.
+        let mut lines = Vec::with_capacity(2 * cameras.len());
+        for (camera, measured) in cameras.iter().zip(&self.measured) {
+            let ray = self.camera.ray(*measured);
+            let back = camera.rotation.inverse();
+            let (turned, moved) = (back * direction, -(back * camera.position.coords));
+            lines.extend([0, 1].map(|axis| {
+                (turned[axis] - ray[axis] * turned.z, moved[axis] - ray[axis] * moved.z)
+            }));
+        }
+        let squared: f64 = lines.iter().map(|(_, moved)| moved * moved).sum();
+        let along: f64 = lines.iter().map(|(turned, moved)| turned * moved).sum();
+        Landmark { direction, inverse_distance: if squared > 1e-12 { -along / squared } else { 0.0 } }
+    }
+
+    /// All views of a landmark; none where it is not ahead of all cameras.
+    fn look(&self, cameras: &[Pose3], landmark: Landmark) -> Option<Views> {
+        let rows = 2 * cameras.len();
+        let mut views = Views { landmark, residual: DVector::zeros(rows), by_landmark: MatrixXx3::zeros(rows) };
         for (view, (camera, measured)) in cameras.iter().zip(&self.measured).enumerate() {
             let (pixel, by_seen) = self.camera.project(landmark.seen_from(camera))?;
-            residual.fixed_rows_mut::<2>(2 * view).copy_from(&(pixel - measured));
-            by_landmark.fixed_rows_mut::<2>(2 * view).copy_from(&(by_seen * landmark.derivative(camera)));
+            let error = pixel - measured;
+            let (scale, slope) = self.robust(error.norm_squared());
+            views.residual.fixed_rows_mut::<2>(2 * view).copy_from(&(scale * error));
+            let by_landmark = slope * by_seen * landmark.derivative(camera);
+            views.by_landmark.fixed_rows_mut::<2>(2 * view).copy_from(&by_landmark);
         }
-        Some((residual, by_landmark))
+        Some(views)
     }
 
-    /// The landmark that fits the views best, its residual, and the derivative by it.
-    fn fit(&self, cameras: &[Pose3]) -> Option<(Landmark, DVector<f64>, MatrixXx3<f64>)> {
+    /// What an error of squared norm d² is multiplied by, to have the loss as its square; and its derivative, so that
+    /// the product of both has the loss's slope.
+    fn robust(&self, squared: f64) -> (f64, f64) {
+        let ratio = squared / (self.loss_scale * self.loss_scale);
+        let scale = if ratio > 1e-9 { (ratio.ln_1p() / ratio).sqrt() } else { 1.0 };
+        (scale, 1.0 / ((1.0 + ratio) * scale))
+    }
+
+    /// Steps of Levenberg and Marquardt, until rounding ends them.
+    fn refine(&self, fit: &mut Fit) {
         const STEPS: usize = 30;
-        let mut landmark = self.guess(cameras);
-        let (mut residual, mut by_landmark) = match self.look(cameras, landmark) {
-            Some(looked) => looked,
-            None => {
-                landmark.inverse_distance = 0.0;
-                self.look(cameras, landmark)?
-            }
-        };
         let mut lambda = 0.0;
         for _ in 0..STEPS {
-            let mut hessian = by_landmark.tr_mul(&by_landmark);
-            // A landmark without a baseline has no distance: none of its columns may be zero.
+            let Views { residual, by_landmark, .. } = &fit.views;
+            let mut hessian = by_landmark.tr_mul(by_landmark);
+            // Without a baseline the distance has a column of zeros.
             let floor = 1e-16 * hessian.trace();
             (0..3).for_each(|axis| hessian[(axis, axis)] += lambda * hessian[(axis, axis)] + floor);
-            let slope = by_landmark.tr_mul(&residual);
+            let slope = by_landmark.tr_mul(residual);
             let step = hessian.cholesky().map_or(Vector3::zeros(), |cholesky| -cholesky.solve(&slope));
-            let next = landmark.moved(step);
-            let promise = -slope.dot(&step);
-            if promise <= 1e-20 * residual.norm_squared() || promise < 1e-24 {
+            if -slope.dot(&step) <= 1e-20 * fit.views.cost() {
                 break;
             }
-            match self.look(cameras, next) {
-                Some((error, derivative)) if error.norm_squared() <= residual.norm_squared() => {
-                    (landmark, residual, by_landmark) = (next, error, derivative);
+            match self.look(&fit.cameras, fit.landmark.moved(step)) {
+                Some(views) if views.cost() <= fit.views.cost() => {
+                    (fit.landmark, fit.views) = (views.landmark, views);
                     lambda *= 0.1;
                 }
                 _ => lambda = (10.0 * lambda).max(1e-3),
             }
         }
-        Some((landmark, residual, by_landmark))
     }
+}
 
-    /// On the first view's ray, where the others' rays come nearest to it.
-    fn guess(&self, cameras: &[Pose3]) -> Landmark {
-        let direction = self.measured.first().map_or(Vector3::z(), |pixel| self.camera.ray(*pixel).coords);
-        let (mut along, mut squared) = (0.0, 0.0);
-        for (camera, measured) in cameras.iter().zip(&self.measured).skip(1) {
-            // In the camera's picture, (a + w b) = 0 but for noise.
-            let ray = self.camera.ray(*measured);
-            let back = camera.rotation.inverse();
-            let (turned, moved) = (back * direction, -(back * camera.position.coords));
-            for axis in 0..2 {
-                let a = turned[axis] - ray[axis] * turned.z;
-                let b = moved[axis] - ray[axis] * moved.z;
-                along -= a * b;
-                squared += b * b;
-            }
-        }
-        Landmark { direction, inverse_distance: if squared > 1e-12 { along / squared } else { 0.0 } }
+/// A landmark, and how the cameras see it.
+struct Fit {
+    /// The view that it is seen from.
+    anchor: usize,
+    /// All cameras as seen from there.
+    cameras: Vec<Pose3>,
+    landmark: Landmark,
+    views: Views,
+}
+
+/// The residual of all views, and its derivative by the landmark.
+struct Views {
+    landmark: Landmark,
+    residual: DVector<f64>,
+    by_landmark: MatrixXx3<f64>,
+}
+
+impl Views {
+    fn cost(&self) -> f64 {
+        self.residual.norm_squared()
     }
+}
+
+/// A point as seen from some pose: its place is `direction` / `inverse_distance`.
+#[derive(Clone, Copy)]
+struct Landmark {
+    direction: Vector3<f64>,
+    inverse_distance: f64,
 }
 
 impl Landmark {
@@ -183,19 +236,19 @@ impl Factor for Track {
         residual: &mut [f64],
         jacobian: Option<&mut Jacobian<'_>>,
     ) -> Result<(), GraphError> {
-        let cameras = self.cameras(values)?;
-        let Some((landmark, error, by_landmark)) = self.fit(&cameras) else {
+        let Some(Fit { cameras, landmark, views, .. }) = self.fit(&self.cameras(values)?) else {
             residual.fill(f64::NAN);
             return Ok(());
         };
-        residual.copy_from_slice(error.as_slice());
+        residual.copy_from_slice(views.residual.as_slice());
         let Some(jacobian) = jacobian else { return Ok(()) };
 
         let back = self.robot_from_camera.rotation.inverse().to_rotation_matrix().into_inner();
-        let basis = orthonormal(by_landmark);
+        let basis = orthonormal(views.by_landmark);
         for (view, camera) in cameras.iter().enumerate() {
             let seen = landmark.seen_from(camera);
-            let by_seen = self.camera.project(seen).map_or(Matrix2x3::zeros(), |(_, by_seen)| by_seen);
+            let Some((pixel, by_seen)) = self.camera.project(seen) else { continue };
+            let by_seen = self.robust((pixel - self.measured[view]).norm_squared()).1 * by_seen;
             // A step of the robot moves the landmark in its frame, and so in the camera's.
             let in_robot = self.robot_from_camera.rotation * seen
                 + landmark.inverse_distance * self.robot_from_camera.position.coords;
