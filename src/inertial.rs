@@ -6,6 +6,7 @@
 //! force: at rest, one g upwards. Both have a bias and white noise, and the biases wander.
 
 use crate::geometry::{Pose3, rotation_jacobian};
+use crate::parameters::parameters;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
 
 /// Gravity in a frame whose z axis points up \[m/s²\].
@@ -43,19 +44,21 @@ impl ImuBias {
     }
 }
 
-/// Noise of a sensor, as it stands in data sheets.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ImuNoise {
-    /// Density of the gyroscope's noise \[rad/s/√Hz\].
-    pub rate: f64,
-    /// Density of the accelerometer's noise \[m/s²/√Hz\].
-    pub force: f64,
-    /// How its bias wanders \[rad/s²/√Hz\].
-    pub rate_walk: f64,
-    /// How its bias wanders \[m/s³/√Hz\].
-    pub force_walk: f64,
-    /// Error of positions for that readings are held until the next one \[m/√s\].
-    pub integration: f64,
+parameters! {
+    /// Noise of a sensor, as data sheets tell it. A body that vibrates, and readings that are held until the next one, add to
+    /// that: the defaults are for a small sensor on such a body.
+    pub struct ImuNoise {
+        /// Density of the gyroscope's noise \[rad/s/√Hz\].
+        rate: f64 = 2e-4, in 1e-7..=1.0;
+        /// Density of the accelerometer's noise \[m/s²/√Hz\].
+        force: f64 = 1e-2, in 1e-6..=10.0;
+        /// How the gyroscope's bias wanders \[rad/s²/√Hz\].
+        rate_walk: f64 = 2e-5, in 1e-9..=1.0;
+        /// How the accelerometer's bias wanders \[m/s³/√Hz\].
+        force_walk: f64 = 3e-3, in 1e-8..=10.0;
+        /// Error of a position for that readings are held until the next one \[m/√s\].
+        integration: f64 = 1e-4, in 1e-9..=1.0;
+    }
 }
 
 /// The motion between two moments, as seen from the first one, without gravity and without the speed that the body had:

@@ -47,12 +47,7 @@ impl<'a> Keyframes<'a> {
     pub(super) fn add(&mut self, frame: &FeatureFrame) -> Result<(), VisualInertialError> {
         let Recording { imu, imu_noise, .. } = self.recording;
         let state = match self.states.last() {
-            None => State {
-                stamp: frame.stamp,
-                pose: self.origin(),
-                velocity: Vector3::zeros(),
-                bias: self.rest.bias,
-            },
+            None => State { stamp: frame.stamp, pose: self.origin(), velocity: Vector3::zeros(), bias: self.rest.bias },
             Some(last) => {
                 let (from, to) = (last.stamp, frame.stamp);
                 let motion = Preintegration::between(imu, from, to, last.bias, imu_noise)

@@ -42,19 +42,26 @@ impl Rest {
             if now.is_empty() || later.is_empty() {
                 break;
             }
-            let mean = |of: fn(&ImuReading) -> Vector3<f64>| now.iter().map(of).sum::<Vector3<f64>>() / now.len() as f64;
+            let mean =
+                |of: fn(&ImuReading) -> Vector3<f64>| now.iter().map(of).sum::<Vector3<f64>>() / now.len() as f64;
             let (rate_now, force_now) = (mean(|reading| reading.rate), mean(|reading| reading.force));
             let is_possible =
                 rate_now.norm() < MAX_RATE_BIAS && (force_now.norm() - GRAVITY.norm()).abs() < MAX_FORCE_BIAS;
             let agrees = averages == 0.0
-                || (rate_now - rate / averages).norm() < STILL_RATE && (force_now - force / averages).norm() < STILL_FORCE;
+                || (rate_now - rate / averages).norm() < STILL_RATE
+                    && (force_now - force / averages).norm() < STILL_FORCE;
             if !(is_possible && agrees) {
                 break;
             }
             (rest, averages, rate, force) = (later, averages + 1.0, rate + rate_now, force + force_now);
         }
         let bias = ImuBias { rate: rate / averages, force: Vector3::zeros() };
-        (averages >= 2.0).then(|| Self { start, end: start + AVERAGED * averages, bias, world_from_body: upright(force) })
+        (averages >= 2.0).then(|| Self {
+            start,
+            end: start + AVERAGED * averages,
+            bias,
+            world_from_body: upright(force),
+        })
     }
 }
 

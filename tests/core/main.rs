@@ -23,6 +23,7 @@ mod proposal;
 mod semantic;
 mod simulate;
 mod space;
+mod visual_inertial;
 #[path = "../common/wall.rs"]
 mod wall;
 

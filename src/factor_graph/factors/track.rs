@@ -96,9 +96,7 @@ impl Track {
             let ray = self.camera.ray(*measured);
             let back = camera.rotation.inverse();
             let (turned, moved) = (back * direction, -(back * camera.position.coords));
-            lines.extend([0, 1].map(|axis| {
-                (turned[axis] - ray[axis] * turned.z, moved[axis] - ray[axis] * moved.z)
-            }));
+            lines.extend([0, 1].map(|axis| (turned[axis] - ray[axis] * turned.z, moved[axis] - ray[axis] * moved.z)));
         }
         let squared: f64 = lines.iter().map(|(_, moved)| moved * moved).sum();
         let along: f64 = lines.iter().map(|(turned, moved)| turned * moved).sum();
