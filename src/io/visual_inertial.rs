@@ -67,24 +67,17 @@ fn read_sensors(path: &Path) -> Result<(Camera, ImuNoise), LogError> {
         .map_err(|source| LogError::Open { path: path.to_owned(), source })?;
     let SensorsFile { camera, imu } = toml::from_str(&text).map_err(|error| not_this_format(error.to_string()))?;
     let CameraTable { focal, centre, noise, position, quaternion: [x, y, z, w] } = camera;
-    for (name, number, range) in [
-        ("camera.focal", focal[0], 1e-3..=1e6),
-        ("camera.focal", focal[1], 1e-3..=1e6),
-        ("camera.centre", centre[0], -1e6..=1e6),
-        ("camera.centre", centre[1], -1e6..=1e6),
-        ("camera.noise", noise, 1e-6..=1e3),
-    ] {
-        check(name, number, range).map_err(|error| not_this_format(error.to_string()))?;
-    }
-    for metres in position {
-        check("camera.position", metres, -1e3..=1e3).map_err(|error| not_this_format(error.to_string()))?;
-    }
-    imu.check("imu").map_err(|error| not_this_format(error.to_string()))?;
     let rotation = Quaternion::new(w, x, y, z);
-    if !((rotation.norm() - 1.0).abs() < 1e-2) {
-        let reason = "camera.quaternion has to be of length 1: x, y, z, w".to_owned();
-        return Err(not_this_format(reason));
-    }
+    let pixels = [("camera.focal", focal, 1e-3..=1e6), ("camera.centre", centre, -1e6..=1e6)];
+    let numbers = pixels.into_iter().flat_map(|(name, pair, range)| pair.map(|number| (name, number, range.clone())));
+    let metres = position.map(|number| ("camera.position", number, -1e3..=1e3));
+    let rest = [("camera.noise", noise, 1e-6..=1e3), ("length of camera.quaternion", rotation.norm(), 0.99..=1.01)];
+    numbers
+        .chain(metres)
+        .chain(rest)
+        .try_for_each(|(name, number, range)| check(name, number, range))
+        .and_then(|()| imu.check("imu"))
+        .map_err(|error| not_this_format(error.to_string()))?;
     let body_from_camera = Pose3::new(Point3::from(position), Unit::new_normalize(rotation));
     Ok((Camera { pinhole: Pinhole { focal, centre }, body_from_camera, noise }, imu))
 }

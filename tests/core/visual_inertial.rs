@@ -58,7 +58,7 @@ fn frames(camera: &Camera) -> Vec<FeatureFrame> {
         let mut features = Vec::new();
         for (number, point) in points.iter().enumerate() {
             let Some((pixel, _)) = camera.pinhole.project((camera_from_world * *point).coords) else { continue };
-            let gross = if (number + 7 * step as usize) % 30 == 0 { 80.0 } else { 1.0 };
+            let gross = if (number + 7 * step as usize).is_multiple_of(30) { 80.0 } else { 1.0 };
             let pixel = Point2::new(pixel.x + gross * draw(), pixel.y + gross * draw());
             // A track is lost every two or three seconds.
             let track = 1000 * (u64::from(step) / (20 + number as u64 % 10)) + number as u64;

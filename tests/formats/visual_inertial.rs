@@ -1,12 +1,15 @@
 //! Recordings of a camera and an inertial sensor.
 
 use crate::needs::data_folder;
+use assert_cmd::cargo::cargo_bin;
 use ipslam::geometry::{Pinhole, Pose3, StampedPose3};
 use ipslam::inertial::{ImuNoise, ImuReading};
 use ipslam::io::datasets::imu_tracks;
 use ipslam::io::{tum, visual_inertial};
 use ipslam::visual_inertial::{Camera, Feature, FeatureFrame, Recording};
 use nalgebra::{Point2, Point3, UnitQuaternion, Vector3};
+use std::path::Path;
+use std::process::Command;
 
 const SENSORS: &str = "classes = [\"chair\"]\n[camera]\nfocal = [450, 455.5]\ncentre = [320, 240]\nposition = [0.1, 0, -0.2]\n\
                        quaternion = [0, 0, 0, 1]\n[imu]\nrate = 1e-3\n";
@@ -65,19 +68,19 @@ fn bad_input_is_an_error_that_says_where() {
     let backwards = format!("{TRACKS}0.05,8,1,2\n");
     for (name, text, expected) in [
         ("sensors.toml", "classes = [\"chair\"]\n", "camera"),
-        ("sensors.toml", &quaternion, "of length 1"),
+        ("sensors.toml", &quaternion, "length of camera.quaternion is 2"),
         ("sensors.toml", &focal, "camera.focal is -450"),
         ("sensors.toml", &typo, "line 4"),
         ("sensors.toml", &format!("{SENSORS}rate_walk = 5.0\n"), "imu.rate_walk is 5"),
         ("imu.csv", "t,wx,wy,wz,ax,ay\n0,0,0,0,0,0\n", "t,wx,wy,wz,ax,ay,az"),
         ("imu.csv", "t,wx,wy,wz,ax,ay,az\n", "no row"),
-        ("imu.csv", &twice, "line 4: its stamp, 0.005, does not come after"),
-        ("imu.csv", &format!("{IMU}0.01,0,0,nan,0,0,9.8\n"), "line 4: wz is `nan`"),
-        ("tracks.csv", &backwards, "line 6: its stamp, 0.05, lies before"),
-        ("tracks.csv", &format!("{TRACKS}0.1,7,3,4\n"), "line 6: track 7 comes twice at 0.1"),
-        ("tracks.csv", &format!("{TRACKS}0.1,,,\n"), "line 6: a row without a track"),
-        ("tracks.csv", &format!("{TRACKS}0.2,-3,3,4\n"), "line 6: track is `-3`"),
-        ("tracks.csv", &format!("{TRACKS}0.2,3,,4\n"), "line 6: u is empty"),
+        ("imu.csv", &twice, "imu.csv:4: its stamp, 0.005, does not come after"),
+        ("imu.csv", &format!("{IMU}0.01,0,0,nan,0,0,9.8\n"), "imu.csv:4: wz is `nan`"),
+        ("tracks.csv", &backwards, "tracks.csv:6: its stamp, 0.05, lies before"),
+        ("tracks.csv", &format!("{TRACKS}0.1,7,3,4\n"), "tracks.csv:6: track 7 comes twice at 0.1"),
+        ("tracks.csv", &format!("{TRACKS}0.1,,,\n"), "tracks.csv:6: a row without a track"),
+        ("tracks.csv", &format!("{TRACKS}0.2,-3,3,4\n"), "tracks.csv:6: track is `-3`"),
+        ("tracks.csv", &format!("{TRACKS}0.2,3,,4\n"), "tracks.csv:6: u is empty"),
     ] {
         let message = read(&[(name, text)]).unwrap_err();
         assert!(message.contains(name) && message.contains(expected), "{message:?} does not say {expected:?}");
@@ -112,6 +115,19 @@ fn euroc_is_read() {
     // 1.93 pixels at a focal length of 458 pixels.
     assert!((recording.camera.noise * 458.0 - 1.93).abs() < 0.01, "{}", recording.camera.noise);
     assert!(truth.first().unwrap().stamp <= recording.frames[0].stamp + 1e-3 && truth.len() > 600);
+
+    let new = tempfile::tempdir().unwrap();
+    let output = new.path().join("v101");
+    let convert = |output: &Path| {
+        let folder = data_folder().join("semantic/vio_v101_30s");
+        Command::new(cargo_bin("ipslam")).arg("convert").args([&folder, output]).output().unwrap()
+    };
+    let converted = convert(&output);
+    assert!(converted.status.success(), "{}", String::from_utf8_lossy(&converted.stderr));
+    assert_eq!(visual_inertial::read(&output).unwrap(), recording);
+    assert_eq!(tum::read3(&output.join("truth.tum")).unwrap().len(), truth.len());
+    let again = String::from_utf8(convert(&output).stderr).unwrap();
+    assert!(again.contains("needs a new folder"), "{again}");
     let message = imu_tracks::read(&data_folder()).unwrap_err().to_string();
     assert!(message.contains("imu_tracks.csv"), "{message}");
 }

@@ -11,6 +11,7 @@ mod program;
 #[path = "../common/python.rs"]
 mod python;
 mod semantic;
+mod space;
 mod visual_inertial;
 
 fn main() {

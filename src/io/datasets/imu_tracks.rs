@@ -36,6 +36,11 @@ const LAYOUT: Layout = Layout {
     optional: &[],
 };
 
+/// Whether the set is in a folder.
+pub fn is_in(folder: &Path) -> bool {
+    folder.join(TABLE).is_file()
+}
+
 /// Reads the set in a folder: the recording, and where the body truly was.
 ///
 /// # Errors
@@ -78,11 +83,13 @@ pub fn read(folder: &Path) -> Result<(Recording, Vec<StampedPose3>), LogError> {
         body_from_camera: Pose3::new(position, Unit::new_normalize(rotation)),
         noise: density("eqf.measurement_noise_variance_norm")?,
     };
+    // How the biases wander is as in EuRoC's own description of the sensor; the table's numbers are those of a filter that
+    // has to follow them from nothing.
     let imu_noise = ImuNoise {
         rate: density("eqf.input_var_gyr")?,
         force: density("eqf.input_var_acc")?,
-        rate_walk: density("eqf.input_var_gyr_bias_walk")?,
-        force_walk: density("eqf.input_var_acc_bias_walk")?,
+        rate_walk: 1.9393e-5,
+        force_walk: 3e-3,
         ..ImuNoise::default()
     };
     Ok((Recording { camera, imu_noise, imu, frames }, tum::read3(&folder.join(TRUTH))?))
