@@ -22,6 +22,9 @@ fn table(name: &str) -> Vec<Vec<f64>> {
     text(name).lines().skip(1).map(row).collect()
 }
 
+/// The name of an object, and where each camera sees it.
+type Sighting = (u64, [Point2<f64>; 2]);
+
 /// Two cameras on a rig, and the variances of all measurements.
 struct Rig {
     camera: Pinhole,
@@ -69,7 +72,7 @@ fn objects_of_known_names_are_mapped() {
         let rotation = UnitQuaternion::from_scaled_axis(Vector3::from_column_slice(&rest[..3]));
         Pose3::new(Point3::from_slice(&rest[3..6]), rotation)
     };
-    let mut seen: BTreeMap<usize, Vec<(u64, [Point2<f64>; 2])>> = BTreeMap::new();
+    let mut seen: BTreeMap<usize, Vec<Sighting>> = BTreeMap::new();
     for row in table("stereo.csv") {
         let pixels = [Point2::new(row[2], row[3]), Point2::new(row[4], row[5])];
         seen.entry(row[0] as usize).or_default().push((row[1] as u64, pixels));
