@@ -2,8 +2,8 @@
 
 use crate::factor_graph::{Bent, distance, jacobian_error, patient, sigmas};
 use ipslam::factor_graph::{
-    Between3, Covariances, Factor, Graph, GraphError, Inertial, Kind, Prior, Projection, Sighting3, Track, Values,
-    VariableId, Walk,
+    Between3, Covariances, Factor, Graph, GraphError, Inertial, Kind, Loss, Prior, Projection, Sighting3, Track,
+    Values, VariableId, Walk,
 };
 use ipslam::geometry::{Pinhole, Pose3};
 use ipslam::inertial::{ImuBias, ImuNoise, ImuReading, Preintegration};
@@ -261,40 +261,74 @@ impl Views {
     }
 }
 
+/// The graph with tracks and the one with points, solved.
+struct Both {
+    tracked: (Graph, Values),
+    explicit: (Graph, Values),
+    ids: [VariableId; 4],
+}
+
+impl Both {
+    fn solve(views: &Views, loss_scale: Option<f64>) -> Self {
+        const SIGMA: f64 = 1.3;
+        let (mut tracked, mut poses, ids) = views.graph();
+        for track in views.tracks(ids) {
+            let noise = sigmas(&vec![SIGMA; track.dimension()]);
+            let track = loss_scale.map_or(track.clone(), |scale| track.with_loss(scale * SIGMA));
+            tracked.add(track, noise).unwrap();
+        }
+        let (mut explicit, mut all, _) = views.graph();
+        for (point, seen) in views.points.iter().zip(&views.seen) {
+            let point = all.add_point3(*point);
+            for (place, pixel) in seen {
+                let projection = Projection::new(ids[*place], point, *pixel, CAMERA, mounting());
+                let term = explicit.add(projection, sigmas(&[SIGMA; 2])).unwrap();
+                explicit.set_loss(term, loss_scale.map_or(Loss::Squared, Loss::Cauchy)).unwrap();
+            }
+        }
+        let before = poses.clone();
+        let found = patient().solve(&tracked, &mut poses).unwrap();
+        let expected = patient().solve(&explicit, &mut all).unwrap();
+        assert!((found.error - expected.error).abs() < 1e-8, "{found:?} {expected:?}");
+        assert!(found.error > 1.0 && distance(&before, &poses) > 1e-3, "there is nothing to do");
+        for id in ids {
+            let error = poses.pose3(id).unwrap().seen_from(all.pose3(id).unwrap()).log().amax();
+            assert!(error < 1e-7, "{id:?}: {error}");
+        }
+        Self { tracked: (tracked, poses), explicit: (explicit, all), ids }
+    }
+}
+
 /// The oracle: the same graph with the points in it.
 #[test]
 fn a_track_is_a_landmark_that_is_eliminated() {
     let views = Views::new();
-    let (mut tracked, mut poses, ids) = views.graph();
-    for track in views.tracks(ids) {
-        let noise = sigmas(&vec![1.3; track.dimension()]);
-        tracked.add(track, noise).unwrap();
-    }
-    let (mut explicit, mut all, _) = views.graph();
-    for (point, seen) in views.points.iter().zip(&views.seen) {
-        let point = all.add_point3(*point);
-        for (place, pixel) in seen {
-            let projection = Projection::new(ids[*place], point, *pixel, CAMERA, mounting());
-            explicit.add(projection, sigmas(&[1.3; 2])).unwrap();
-        }
-    }
-    let before = poses.clone();
-    let found = patient().solve(&tracked, &mut poses).unwrap();
-    let expected = patient().solve(&explicit, &mut all).unwrap();
-    assert!(found.converged && (found.error - expected.error).abs() < 1e-9, "{found:?} {expected:?}");
-    assert!(found.error > 1.0 && distance(&before, &poses) > 1e-3, "there is nothing to do");
-    let covariance = |graph, values| Covariances::new(graph, values).unwrap();
-    let (marginal, joint) = (covariance(&tracked, &poses), covariance(&explicit, &all));
+    let Both { tracked, explicit, ids } = Both::solve(&views, None);
+    let covariance = |(graph, values): &(Graph, Values)| Covariances::new(graph, values).unwrap();
+    let (marginal, joint) = (covariance(&tracked), covariance(&explicit));
     for id in ids {
-        let error = poses.pose3(id).unwrap().seen_from(all.pose3(id).unwrap()).log().amax();
-        assert!(error < 1e-8, "{id:?}: {error}");
         let (own, expected) = (marginal.block(id).unwrap(), joint.block(id).unwrap());
         assert!((&own - &expected).amax() < 1e-7 * expected.amax(), "{own} {expected}");
     }
     // Its place is that of the point.
-    let place = views.tracks(ids)[0].triangulate(&poses).unwrap().unwrap();
+    let place = views.tracks(ids)[0].triangulate(&tracked.1).unwrap().unwrap();
     let point = Point3::from_homogeneous(place).unwrap();
-    assert!((point - all.point3(all.ids().nth(4).unwrap()).unwrap()).amax() < 1e-6, "{point}");
+    let expected = explicit.1.point3(explicit.1.ids().nth(4).unwrap()).unwrap();
+    assert!((point - expected).amax() < 1e-6, "{point} {expected}");
+}
+
+/// The oracle: the same graph with the points in it, each view with Cauchy's loss.
+#[test]
+fn a_track_stands_wrong_views() {
+    let mut views = Views::new();
+    let straight = Both::solve(&views, None).tracked.1;
+    // The first view of one track, from which it would be triangulated, and the last of another.
+    views.seen[2][0].1.x += 30.0;
+    views.seen[4][3].1.y -= 25.0;
+    let robust = Both::solve(&views, Some(2.0)).tracked.1;
+    let squared = Both::solve(&views, None).tracked.1;
+    let (robust, squared) = (distance(&straight, &robust), distance(&straight, &squared));
+    assert!(robust < 0.2 * squared, "{robust} {squared}");
 }
 
 /// The oracle: central differences of ½ ‖e‖², whose slope is that of the residual times its Jacobian.

@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, Vector3};
 /// m = exp(s u, s v, t w + k u)
 ///
 /// and the residual e = log(m⁻¹ · from⁻¹ · to), (forward, sideways \[m\], turn \[rad\]). With (1, 1, 0) it is that of
-/// [`Between`].
+/// [`Between`](super::Between).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Odometry {
     variables: [VariableId; 3],

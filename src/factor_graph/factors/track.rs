@@ -128,7 +128,7 @@ impl Track {
 
     /// Steps of Levenberg and Marquardt, until rounding ends them.
     fn refine(&self, fit: &mut Fit) {
-        const STEPS: usize = 30;
+        const STEPS: usize = 50;
         let mut lambda = 0.0;
         for _ in 0..STEPS {
             let Views { residual, by_landmark, .. } = &fit.views;
