@@ -146,7 +146,8 @@ impl Structure {
         let mut places = self.places.iter();
         graph.linearize(values, |linear, variables| {
             normal.error += linear.error;
-            let rows = linear.residual.len();
+            // A residual of nothing has no columns to go through.
+            let rows = linear.residual.len().max(1);
             let mut first = linear.jacobian.as_slice();
             for (i, &a) in variables.iter().enumerate() {
                 let (of_a, rest) = first.split_at(rows * self.width(a));

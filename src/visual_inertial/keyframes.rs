@@ -5,7 +5,7 @@ use crate::factor_graph::{
     Factor as _, Graph, Inertial, Noise, Prior, Solution, Solver, SolverConfig, Track, Values, VariableId, Walk,
 };
 use crate::geometry::Pose3;
-use crate::inertial::{GRAVITY, ImuBias, Preintegration};
+use crate::inertial::{GRAVITY, ImuBias, ImuReading, Preintegration};
 use nalgebra::{DMatrix, Matrix3, Point2, Point3, Vector3, Vector6};
 use std::collections::BTreeMap;
 
@@ -19,6 +19,9 @@ const FORCE_BIAS_SIGMA: f64 = 0.2;
 const REST_SIGMA: f64 = 1e-2;
 /// Of Cauchy's loss, in standard deviations: where all features are right, it has 95 % of the efficiency of squares.
 const LOSS_SCALE: f64 = 2.385;
+
+/// Readings tell nothing about a motion that is over before the next one \[s\].
+const MAX_GAP: f64 = 0.1;
 
 /// Variables of a state: pose, velocity, bias.
 type StateIds = [VariableId; 3];
@@ -50,8 +53,10 @@ impl<'a> Keyframes<'a> {
             None => State { stamp: frame.stamp, pose: self.origin(), velocity: Vector3::zeros(), bias: self.rest.bias },
             Some(last) => {
                 let (from, to) = (last.stamp, frame.stamp);
+                let gap = widest_gap(imu, from, to);
                 let motion = Preintegration::between(imu, from, to, last.bias, imu_noise)
-                    .ok_or(VisualInertialError::Gap { from, to })?;
+                    .filter(|_| gap.1 - gap.0 <= MAX_GAP)
+                    .ok_or(VisualInertialError::Gap { from: gap.0, to: gap.1 })?;
                 let (pose, velocity) = motion.predict(last.pose, last.velocity);
                 let state = State { stamp: to, pose, velocity, bias: last.bias };
                 self.motions.push(motion);
@@ -140,4 +145,18 @@ impl<'a> Keyframes<'a> {
         }
         Ok(())
     }
+}
+
+/// The longest time without a reading between two moments \[s\].
+fn widest_gap(imu: &[ImuReading], from: f64, to: f64) -> (f64, f64) {
+    let place = |stamp: f64| imu.partition_point(|reading| reading.stamp < stamp);
+    let inner = imu.get(place(from)..place(to)).unwrap_or_default().iter().map(|reading| reading.stamp);
+    let (mut widest, mut last) = ((from, from), from);
+    for stamp in inner.chain([to]) {
+        if stamp - last > widest.1 - widest.0 {
+            widest = (last, stamp);
+        }
+        last = stamp;
+    }
+    widest
 }

@@ -135,6 +135,10 @@ fn what_cannot_be_is_an_error() {
     assert_eq!(estimate(&nothing).unwrap_err(), VisualInertialError::Empty);
     nothing.imu.clear();
     assert_eq!(estimate(&nothing).unwrap_err(), VisualInertialError::NoRest);
+    let mut gap = whole.clone();
+    gap.imu.retain(|reading| !(5.001..5.299).contains(&reading.stamp));
+    let error = estimate(&gap).unwrap_err();
+    assert!(matches!(error, VisualInertialError::Gap { from, to } if from >= 5.0 && to <= 5.3), "{error}");
     let mut nan = whole;
     nan.frames[30].features[0].pixel.x = f64::NAN;
     assert!(matches!(estimate(&nan), Err(VisualInertialError::Graph(_))));
