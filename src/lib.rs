@@ -31,10 +31,11 @@
 //! # The modules: each uses only those above it
 //! | Module | Task | Paper |
 //! |---|---|---|
-//! | [`geometry`] | poses of the plane | |
+//! | [`geometry`] | poses of the plane and of space, and cameras | |
 //! | [`math`] | logarithm, sine and cosine, the same on every device | |
 //! | [`random`] | draws that depend on seed, step, particle and draw number alone | |
 //! | [`ablation`] | the paper's own rules in place of ours | |
+//! | [`inertial`] | what gyroscope and accelerometer say about a motion | |
 //! | [`association`] | which detections of a frame show which landmarks | |
 //! | [`factor_graph`] | the most likely values of many variables, and how well they are known | |
 //! | [`log`] | readings, and where they come from | |
@@ -52,6 +53,7 @@
 //! | [`tracking`] | the motion since the last step | |
 //! | [`report`] | events, step reports, results; estimators and observers | |
 //! | [`semantic`] | semantic SLAM by expectation maximisation (Bowman et al., ICRA 2017) | |
+//! | [`visual_inertial`] | the way of a camera with an inertial sensor | |
 //! | [`smoothing`] | all scans and the finished map, fitted to each other | |
 //! | [`slam`] | one step after the other | Table I |
 //! | [`localization`] | where the robot is in a map that is known | |
@@ -95,6 +97,7 @@ pub mod filter;
 pub mod geometry;
 pub mod gpu;
 pub mod grid;
+pub mod inertial;
 pub mod io;
 pub mod likelihood;
 pub mod localization;
@@ -116,3 +119,4 @@ pub mod simulate;
 pub mod slam;
 pub mod smoothing;
 pub mod tracking;
+pub mod visual_inertial;

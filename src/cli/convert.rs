@@ -1,6 +1,6 @@
 //! `ipslam convert`: a log or a map in another format, or a published set of detections as a recording.
 
-use super::dataset::DatasetArgs;
+use super::dataset::{DatasetArgs, convert_imu_tracks};
 use super::interrupt;
 use super::say::say;
 use anyhow::{Context as _, anyhow, bail};
@@ -8,6 +8,7 @@ use flate2::{Compression, write::GzEncoder};
 use ipslam::clustering::ClusteringConfig;
 use ipslam::grid::{FreeArea, OccupancyGrid, RESOLUTION, drawn};
 use ipslam::io::carmen::CarmenWriter;
+use ipslam::io::datasets::imu_tracks;
 use ipslam::io::map_server::ReadGrid;
 use ipslam::io::mcap::Topics;
 use ipslam::io::{datasets, geojson, map_json, map_server, open_log, write_whole};
@@ -22,7 +23,8 @@ const POSSIBLE: &str = "Formats, by the endings of the names:
          out: .json, .yaml (and .pgm), .geojson (walls), .svg (picture)
 
 Folders, by the files in them, become recordings of detections (a new folder):
-  MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition";
+  MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition;
+or of a camera with an inertial sensor: imu_tracks.csv of GTSAM (EuRoC)";
 
 /// Writes a log or a map in another format, or a published set of detections as a recording.
 #[derive(Debug, clap::Args)]
@@ -82,8 +84,14 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
     if let Some(set) = datasets::recognise(input) {
         return dataset.convert(set, input, output);
     }
+    if imu_tracks::is_in(input) && !dataset.are_given() {
+        return convert_imu_tracks(input, output);
+    }
     if dataset.are_given() {
-        bail!("{}: this is no folder of a set, and options are for sets only\n{POSSIBLE}", input.display());
+        bail!(
+            "{}: this is no folder of a set of detections, and options are for sets only\n{POSSIBLE}",
+            input.display()
+        );
     }
     let format = Format::of(output)
         .with_context(|| format!("{}: the ending of this name tells no format\n{POSSIBLE}", output.display()))?;

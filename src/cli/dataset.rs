@@ -2,7 +2,9 @@
 
 use super::say::say;
 use anyhow::{Context as _, ensure};
-use ipslam::io::datasets::{self, ConvertError, Converted, Dataset, Options};
+use ipslam::io::datasets::{self, ConvertError, Converted, Dataset, Options, imu_tracks};
+use ipslam::io::semantic::truth;
+use ipslam::io::{tum, visual_inertial};
 use std::path::Path;
 
 /// What is chosen of a set.
@@ -36,14 +38,7 @@ impl DatasetArgs {
 
     /// Makes the folder of a recording.
     pub fn convert(&self, set: Dataset, input: &Path, output: &Path) -> anyhow::Result<()> {
-        // Files of another recording would be taken for the truth about this one.
-        let is_new =
-            !output.exists() || (output.is_dir() && output.read_dir().is_ok_and(|mut files| files.next().is_none()));
-        ensure!(
-            is_new,
-            "{}: a recording needs a new folder: name one that does not exist or is empty",
-            output.display()
-        );
+        ensure_new(output)?;
         let converted = set.read(input, &self.options()).map_err(|error| match error {
             ConvertError::Log(error) => anyhow::Error::from(error),
             ConvertError::Option(error) => error.into(),
@@ -60,4 +55,24 @@ impl DatasetArgs {
         );
         Ok(())
     }
+}
+
+/// Makes the folder of a recording of a camera with an inertial sensor.
+pub fn convert_imu_tracks(input: &Path, output: &Path) -> anyhow::Result<()> {
+    ensure_new(output)?;
+    let (recording, truth) = imu_tracks::read(input)?;
+    visual_inertial::write(output, &recording).context("the recording is not complete")?;
+    tum::write3(&output.join(truth::TRAJECTORY), &truth)?;
+    let features: usize = recording.frames.iter().map(|frame| frame.features.len()).sum();
+    let (frames, readings) = (recording.frames.len(), recording.imu.len());
+    say!("{}: {frames} pictures, {features} features, {readings} inertial readings", output.display());
+    Ok(())
+}
+
+/// Files of another recording would be taken for the truth about this one.
+fn ensure_new(output: &Path) -> anyhow::Result<()> {
+    let is_new =
+        !output.exists() || (output.is_dir() && output.read_dir().is_ok_and(|mut files| files.next().is_none()));
+    ensure!(is_new, "{}: a recording needs a new folder: name one that does not exist or is empty", output.display());
+    Ok(())
 }

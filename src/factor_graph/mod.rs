@@ -44,7 +44,10 @@ mod solver;
 mod variables;
 
 pub use covariance::{Columns, Covariances};
-pub use factors::{Between, Factor, Jacobian, Odometry, Prediction, Prior, RangeBearing, Sighting};
+pub use factors::{
+    Between, Between3, Factor, Inertial, Jacobian, Odometry, Prediction, Prior, Projection, RangeBearing, Sighting,
+    Sighting3, Track, Walk,
+};
 pub use graph::{Graph, TermId};
 pub use noise::{Loss, Noise};
 pub use solver::{Solution, Solver, SolverConfig};

@@ -4,8 +4,8 @@
 //! variable's present value; the steps of all variables one after the other make the tangent vector of the graph.
 
 use super::GraphError;
-use crate::geometry::Pose;
-use nalgebra::{Point2, Vector3};
+use crate::geometry::{Pose, Pose3};
+use nalgebra::{Point2, Point3, Quaternion, Unit, Vector3, Vector6};
 use std::ops::Range;
 
 /// Names a variable of [`Values`].
@@ -27,6 +27,11 @@ pub enum Kind {
     Pose,
     /// A point of the plane \[m\]. Steps add.
     Point,
+    /// A pose of space, SE(3). A step (translation \[m\], rotation vector \[rad\]) is taken in the frame of the pose:
+    /// x ⊞ d = x · exp(d).
+    Pose3,
+    /// A point of space \[m\]. Steps add.
+    Point3,
     /// A vector of this dimension; an update is added.
     Vector(usize),
 }
@@ -37,7 +42,18 @@ impl Kind {
         match self {
             Self::Pose => 3,
             Self::Point => 2,
+            Self::Pose3 => 6,
+            Self::Point3 => 3,
             Self::Vector(length) => length,
+        }
+    }
+
+    /// How many numbers its value has.
+    fn numbers(self) -> usize {
+        match self {
+            // A position and a unit quaternion.
+            Self::Pose3 => 7,
+            other => other.dimension(),
         }
     }
 }
@@ -46,8 +62,20 @@ impl Kind {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Variable {
     kind: Kind,
-    /// Where its numbers start, and its step in the tangent vector: each kind has as many of both.
-    start: usize,
+    /// Where its numbers start.
+    numbers: usize,
+    /// Where its step starts in the tangent vector.
+    tangent: usize,
+}
+
+impl Variable {
+    fn numbers(self) -> Range<usize> {
+        self.numbers..self.numbers + self.kind.numbers()
+    }
+
+    fn tangent(self) -> Range<usize> {
+        self.tangent..self.tangent + self.kind.dimension()
+    }
 }
 
 /// The values of all variables.
@@ -55,6 +83,7 @@ struct Variable {
 pub struct Values {
     variables: Vec<Variable>,
     numbers: Vec<f64>,
+    dimension: usize,
 }
 
 impl Values {
@@ -73,15 +102,26 @@ impl Values {
         self.add(Kind::Point, &[point.x, point.y])
     }
 
-    /// A new variable: a few numbers, such as a calibration.
+    /// A new variable: a pose of space.
+    pub fn add_pose3(&mut self, pose: Pose3) -> VariableId {
+        self.add(Kind::Pose3, &numbers_of(pose))
+    }
+
+    /// A new variable: a point of space \[m\].
+    pub fn add_point3(&mut self, point: Point3<f64>) -> VariableId {
+        self.add(Kind::Point3, point.coords.as_slice())
+    }
+
+    /// A new variable: a few numbers, such as a velocity or a calibration.
     pub fn add_vector(&mut self, numbers: &[f64]) -> VariableId {
         self.add(Kind::Vector(numbers.len()), numbers)
     }
 
     fn add(&mut self, kind: Kind, numbers: &[f64]) -> VariableId {
         let id = VariableId(self.variables.len() as u32);
-        self.variables.push(Variable { kind, start: self.numbers.len() });
+        self.variables.push(Variable { kind, numbers: self.numbers.len(), tangent: self.dimension });
         self.numbers.extend_from_slice(numbers);
+        self.dimension += kind.dimension();
         id
     }
 
@@ -97,7 +137,7 @@ impl Values {
 
     /// Degrees of freedom of all variables together: the length of a step.
     pub fn dimension(&self) -> usize {
-        self.numbers.len()
+        self.dimension
     }
 
     /// All variables, in the order in which they were added.
@@ -122,8 +162,7 @@ impl Values {
     /// # Errors
     /// There is no such variable.
     pub fn tangent(&self, id: VariableId) -> Result<Range<usize>, GraphError> {
-        let variable = self.variable(id)?;
-        Ok(variable.start..variable.start + variable.kind.dimension())
+        Ok(self.variable(id)?.tangent())
     }
 
     /// The numbers of a variable that `is` what is wanted.
@@ -133,8 +172,9 @@ impl Values {
         wanted: &'static str,
         is: impl Fn(Kind) -> bool,
     ) -> Result<Range<usize>, GraphError> {
-        let Variable { kind, .. } = self.variable(id)?;
-        if is(kind) { self.tangent(id) } else { Err(GraphError::Kind { variable: id, kind, wanted }) }
+        let variable = self.variable(id)?;
+        let kind = variable.kind;
+        if is(kind) { Ok(variable.numbers()) } else { Err(GraphError::Kind { variable: id, kind, wanted }) }
     }
 
     /// The value of a pose.
@@ -142,7 +182,7 @@ impl Values {
     /// # Errors
     /// The variable is no pose.
     pub fn pose(&self, id: VariableId) -> Result<Pose, GraphError> {
-        let numbers = &self.numbers[self.numbers(id, "a pose", |kind| kind == Kind::Pose)?];
+        let numbers = &self.numbers[self.numbers(id, "a pose of the plane", |kind| kind == Kind::Pose)?];
         Ok(Pose { x: numbers[0], y: numbers[1], heading: numbers[2] })
     }
 
@@ -151,8 +191,25 @@ impl Values {
     /// # Errors
     /// The variable is no point.
     pub fn point(&self, id: VariableId) -> Result<Point2<f64>, GraphError> {
-        let numbers = &self.numbers[self.numbers(id, "a point", |kind| kind == Kind::Point)?];
+        let numbers = &self.numbers[self.numbers(id, "a point of the plane", |kind| kind == Kind::Point)?];
         Ok(Point2::new(numbers[0], numbers[1]))
+    }
+
+    /// The value of a pose of space.
+    ///
+    /// # Errors
+    /// The variable is no pose of space.
+    pub fn pose3(&self, id: VariableId) -> Result<Pose3, GraphError> {
+        Ok(pose_of(&self.numbers[self.numbers(id, "a pose of space", |kind| kind == Kind::Pose3)?]))
+    }
+
+    /// The value of a point of space \[m\].
+    ///
+    /// # Errors
+    /// The variable is no point of space.
+    pub fn point3(&self, id: VariableId) -> Result<Point3<f64>, GraphError> {
+        let numbers = &self.numbers[self.numbers(id, "a point of space", |kind| kind == Kind::Point3)?];
+        Ok(Point3::new(numbers[0], numbers[1], numbers[2]))
     }
 
     /// The numbers of a vector.
@@ -163,12 +220,22 @@ impl Values {
         Ok(&self.numbers[self.numbers(id, "a vector", |kind| matches!(kind, Kind::Vector(_)))?])
     }
 
+    /// The numbers of a vector of that length.
+    pub(super) fn vector_of(&self, id: VariableId, length: usize) -> Result<&[f64], GraphError> {
+        let vector = self.vector(id)?;
+        if vector.len() == length {
+            Ok(vector)
+        } else {
+            Err(GraphError::Length { wanted: length, found: vector.len() })
+        }
+    }
+
     /// Gives a pose another value.
     ///
     /// # Errors
     /// The variable is no pose.
     pub fn set_pose(&mut self, id: VariableId, pose: Pose) -> Result<(), GraphError> {
-        let range = self.numbers(id, "a pose", |kind| kind == Kind::Pose)?;
+        let range = self.numbers(id, "a pose of the plane", |kind| kind == Kind::Pose)?;
         self.numbers[range].copy_from_slice(&[pose.x, pose.y, pose.heading]);
         Ok(())
     }
@@ -178,8 +245,28 @@ impl Values {
     /// # Errors
     /// The variable is no point.
     pub fn set_point(&mut self, id: VariableId, point: Point2<f64>) -> Result<(), GraphError> {
-        let range = self.numbers(id, "a point", |kind| kind == Kind::Point)?;
+        let range = self.numbers(id, "a point of the plane", |kind| kind == Kind::Point)?;
         self.numbers[range].copy_from_slice(&[point.x, point.y]);
+        Ok(())
+    }
+
+    /// Gives a pose of space another value.
+    ///
+    /// # Errors
+    /// The variable is no pose of space.
+    pub fn set_pose3(&mut self, id: VariableId, pose: Pose3) -> Result<(), GraphError> {
+        let range = self.numbers(id, "a pose of space", |kind| kind == Kind::Pose3)?;
+        self.numbers[range].copy_from_slice(&numbers_of(pose));
+        Ok(())
+    }
+
+    /// Gives a point of space another value \[m\].
+    ///
+    /// # Errors
+    /// The variable is no point of space.
+    pub fn set_point3(&mut self, id: VariableId, point: Point3<f64>) -> Result<(), GraphError> {
+        let range = self.numbers(id, "a point of space", |kind| kind == Kind::Point3)?;
+        self.numbers[range].copy_from_slice(point.coords.as_slice());
         Ok(())
     }
 
@@ -203,19 +290,35 @@ impl Values {
         }
         let mut moved = self.clone();
         for variable in &self.variables {
-            let range = variable.start..variable.start + variable.kind.dimension();
-            let (numbers, step) = (&mut moved.numbers[range.clone()], &step[range]);
+            let (numbers, step) = (&mut moved.numbers[variable.numbers()], &step[variable.tangent()]);
             match variable.kind {
                 Kind::Pose => {
                     let pose = Pose { x: numbers[0], y: numbers[1], heading: numbers[2] };
                     let pose = pose * Pose::exp(Vector3::new(step[0], step[1], step[2]));
                     numbers.copy_from_slice(&[pose.x, pose.y, pose.heading]);
                 }
-                Kind::Point | Kind::Vector(_) => {
+                Kind::Pose3 => {
+                    let pose = pose_of(numbers) * Pose3::exp(Vector6::from_column_slice(step));
+                    numbers.copy_from_slice(&numbers_of(pose));
+                }
+                Kind::Point | Kind::Point3 | Kind::Vector(_) => {
                     numbers.iter_mut().zip(step).for_each(|(number, step)| *number += step)
                 }
             }
         }
         Ok(moved)
     }
+}
+
+/// A pose of space as its seven numbers.
+fn numbers_of(pose: Pose3) -> [f64; 7] {
+    let (at, q) = (pose.position, pose.rotation.coords);
+    [at.x, at.y, at.z, q.x, q.y, q.z, q.w]
+}
+
+fn pose_of(numbers: &[f64]) -> Pose3 {
+    let position = Point3::new(numbers[0], numbers[1], numbers[2]);
+    // Rounding of many products would let its norm drift.
+    let rotation = Unit::new_normalize(Quaternion::new(numbers[6], numbers[3], numbers[4], numbers[5]));
+    Pose3 { position, rotation }
 }

@@ -16,6 +16,7 @@ pub mod relations;
 pub mod semantic;
 mod table;
 pub mod tum;
+pub mod visual_inertial;
 
 pub use open::open_log;
 

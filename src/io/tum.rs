@@ -4,8 +4,9 @@
 //! z, roll and pitch are written as 0 and left out when read. Read as well: `t x y theta`, radians. Plain or gzip.
 
 use super::{WriteError, columns, write_whole};
-use crate::geometry::{Pose, StampedPose};
+use crate::geometry::{Pose, Pose3, StampedPose, StampedPose3};
 use crate::log::LogError;
+use nalgebra::{Point3, Quaternion, Unit};
 use std::path::Path;
 
 const EXPECTED: &str = "a trajectory has 8 columns (TUM: t x y z qx qy qz qw) or 4 (t x y theta [rad])";
@@ -31,6 +32,38 @@ pub fn read(path: &Path) -> Result<Vec<StampedPose>, LogError> {
         Ok(())
     })?;
     Ok(trajectory)
+}
+
+/// Reads a trajectory of space, TUM only.
+///
+/// # Errors
+/// The file cannot be read, holds no pose, or one of its lines is not a pose.
+pub fn read3(path: &Path) -> Result<Vec<StampedPose3>, LogError> {
+    let mut trajectory = Vec::new();
+    columns::read_rows(path, "a trajectory of space has 8 columns (TUM: t x y z qx qy qz qw)", |row| {
+        let &[stamp, x, y, z, qx, qy, qz, qw] = row else { return Err(format!("{} columns", row.len())) };
+        let rotation = Unit::try_new(Quaternion::new(qw, qx, qy, qz), 1e-3)
+            .ok_or_else(|| "the quaternion (columns 5 to 8) has no length".to_owned())?;
+        trajectory.push(StampedPose3 { stamp, pose: Pose3::new(Point3::new(x, y, z), rotation) });
+        Ok(())
+    })?;
+    Ok(trajectory)
+}
+
+/// Writes a trajectory of space as TUM. Stamps come back exactly, positions to 1e-9 m.
+///
+/// # Errors
+/// The file cannot be written; what stood there before is then untouched.
+pub fn write3(path: &Path, trajectory: &[StampedPose3]) -> Result<(), WriteError> {
+    write_whole(path, |file| {
+        writeln!(file, "# t x y z qx qy qz qw")?;
+        for &StampedPose3 { stamp, pose: Pose3 { position: p, rotation } } in trajectory {
+            let q = rotation.coords;
+            let stamp = stamp_text(stamp);
+            writeln!(file, "{stamp} {:.9} {:.9} {:.9} {:.12} {:.12} {:.12} {:.12}", p.x, p.y, p.z, q.x, q.y, q.z, q.w)?;
+        }
+        Ok(())
+    })
 }
 
 /// Rotation about z \[rad\] of a quaternion x, y, z, w of any length but none.

@@ -9,6 +9,7 @@ use crate::geometry::{Pose, StampedPose};
 use serde::Serialize;
 
 pub mod relations;
+pub mod space;
 pub mod trajectory;
 
 /// Stamps this close, in seconds, name the same reading.

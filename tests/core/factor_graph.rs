@@ -7,12 +7,12 @@ use ipslam::factor_graph::{
 use ipslam::geometry::Pose;
 use nalgebra::{DMatrix, DMatrixViewMut, Point2};
 
-fn sigmas(sigmas: &[f64]) -> Noise {
+pub(crate) fn sigmas(sigmas: &[f64]) -> Noise {
     Noise::sigmas(sigmas).unwrap()
 }
 
 /// Stops only where rounding does.
-fn patient() -> Solver {
+pub(crate) fn patient() -> Solver {
     Solver::new(SolverConfig { iterations: 1000, relative_tolerance: 1e-14, absolute_tolerance: 0.0 })
 }
 
@@ -65,11 +65,13 @@ impl Room {
 }
 
 /// How far two sets of values of the same variables are apart at most, in metres and radians.
-fn distance(a: &Values, b: &Values) -> f64 {
+pub(crate) fn distance(a: &Values, b: &Values) -> f64 {
     a.ids()
         .map(|id| match a.kind(id).unwrap() {
             Kind::Pose => b.pose(id).unwrap().seen_from(a.pose(id).unwrap()).log().amax(),
             Kind::Point => (a.point(id).unwrap() - b.point(id).unwrap()).amax(),
+            Kind::Pose3 => b.pose3(id).unwrap().seen_from(a.pose3(id).unwrap()).log().amax(),
+            Kind::Point3 => (a.point3(id).unwrap() - b.point3(id).unwrap()).amax(),
             Kind::Vector(_) => {
                 let pairs = a.vector(id).unwrap().iter().zip(b.vector(id).unwrap());
                 pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
@@ -139,7 +141,7 @@ fn a_bad_start_ends_at_the_same_optimum() {
 }
 
 /// The greatest difference between a factor's Jacobian and central differences of its residual.
-fn jacobian_error(factor: &dyn Factor, values: &Values) -> f64 {
+pub(crate) fn jacobian_error(factor: &dyn Factor, values: &Values) -> f64 {
     const STEP: f64 = 1e-5;
     let rows = factor.dimension();
     let columns: Vec<usize> = factor.variables().iter().flat_map(|id| values.tangent(*id).unwrap()).collect();
@@ -161,7 +163,7 @@ fn jacobian_error(factor: &dyn Factor, values: &Values) -> f64 {
 
 /// A factor whose Jacobian is wrong in its last entry.
 #[derive(Debug)]
-struct Bent<F>(F);
+pub(crate) struct Bent<F>(pub(crate) F);
 
 impl<F: Factor> Factor for Bent<F> {
     fn variables(&self) -> &[VariableId] {

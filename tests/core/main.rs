@@ -22,6 +22,8 @@ mod picture;
 mod proposal;
 mod semantic;
 mod simulate;
+mod space;
+mod visual_inertial;
 #[path = "../common/wall.rs"]
 mod wall;
 

@@ -15,6 +15,7 @@ mod readers;
 #[cfg(feature = "record")]
 mod recording;
 mod semantic;
+mod visual_inertial;
 
 fn main() {
     let trials = [
@@ -22,6 +23,7 @@ fn main() {
         mcap::trials(),
         readers::trials(),
         semantic::trials(),
+        visual_inertial::trials(),
         #[cfg(feature = "record")]
         recording::trials(),
     ];

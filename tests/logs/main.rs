@@ -11,9 +11,18 @@ mod program;
 #[path = "../common/python.rs"]
 mod python;
 mod semantic;
+mod space;
+mod visual_inertial;
 
 fn main() {
-    let trials = [metrics::trials(), pipeline::trials(), program::trials(), semantic::trials()];
+    let trials = [
+        metrics::trials(),
+        pipeline::trials(),
+        program::trials(),
+        semantic::trials(),
+        space::trials(),
+        visual_inertial::trials(),
+    ];
     let trials = trials.into_iter().flatten().collect();
     libtest_mimic::run(&libtest_mimic::Arguments::from_args(), trials).exit();
 }

@@ -16,6 +16,7 @@ use std::path::Path;
 use truth::{Ids, TrueLandmark};
 
 mod dlr;
+pub mod imu_tracks;
 mod lost_in_woods;
 mod mrclam;
 mod victoria_park;

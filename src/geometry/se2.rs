@@ -1,7 +1,4 @@
 //! Poses of the plane, SE(2).
-//!
-//! A pose is named for the two frames that it joins: `world_from_robot` takes points of the robot's frame to the
-//! world, and products chain by their neighbours, `world_from_robot * robot_from_laser`. Metres and radians.
 
 use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
