@@ -81,7 +81,7 @@ fn keep_likeliest(pairs: &mut Vec<Pair>, table: &Table) {
 }
 
 /// π_j(c) ∝ Π p(label | c)^w over the pairs of landmark j; and the sum of its weights.
-fn class_posteriors(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &mut Estimate) {
+pub fn class_posteriors(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &mut Estimate) {
     let classes = model.classes();
     let mut logs = vec![vec![0.0; classes]; estimate.landmarks.len()];
     estimate.landmarks.iter_mut().for_each(|landmark| landmark.weight = 0.0);

@@ -6,7 +6,7 @@
 
 use super::estimate::Estimate;
 use super::m_step::Problem;
-use super::{Pass, SemanticError};
+use super::{Mapping, SemanticError};
 use nalgebra::{Matrix2, Vector2};
 
 /// 99.9 % of χ² with two degrees of freedom.
@@ -64,18 +64,18 @@ fn merged(estimate: &Estimate, twins: &[Twins]) -> Estimate {
 }
 
 /// Merges as long as the objective rises.
-pub fn merge(pass: &Pass<'_>, mut best: Estimate, mut objective: f64) -> Result<(Estimate, f64), SemanticError> {
+pub fn merge(mapping: &Mapping<'_>, mut best: Estimate, mut objective: f64) -> Result<(Estimate, f64), SemanticError> {
     loop {
-        let problem = Problem::new(pass.model, pass.keyframes, &best, 1.0)?;
+        let problem = mapping.problem(&best, 1.0)?;
         let mut twins = twins(&problem, &best)?;
         let mut rose = false;
         while !twins.is_empty() && !rose {
             let mut trial = merged(&best, &twins);
             // The first M step keeps the merged pairs as they are: it pulls both halves of the map together.
-            pass.maximise(&mut trial, 1.0)?;
-            pass.sweep(&mut trial, 1.0)?;
-            pass.sweep(&mut trial, 1.0)?;
-            let found = pass.objective(&trial);
+            mapping.maximise(&mut trial, 1.0)?;
+            mapping.sweep(&mut trial, 1.0)?;
+            mapping.sweep(&mut trial, 1.0)?;
+            let found = mapping.objective(&trial);
             if found > objective {
                 (best, objective, rose) = (trial, found, true);
             } else {

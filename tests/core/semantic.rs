@@ -59,7 +59,7 @@ fn rms(truth: &[StampedPose], trajectory: &[StampedPose]) -> f64 {
 fn mapped() -> (Recording, Vec<StampedPose>, SemanticMap) {
     let (recording, truth) = recording();
     let config = SemanticConfig { beam: 8, ..SemanticConfig::default() };
-    let found = map(&recording, &config).unwrap();
+    let found = map(&recording, &config, &|_| ()).unwrap();
     (recording, truth, found)
 }
 
@@ -67,7 +67,7 @@ fn mapped() -> (Recording, Vec<StampedPose>, SemanticMap) {
 fn a_loop_is_mapped_that_odometry_alone_misses() {
     let (recording, truth, found) = mapped();
     let reckoned = recording.odometry.dead_reckoning(truth.iter().map(|pose| pose.stamp));
-    let (alone, rms) = (rms(&truth, &reckoned), rms(&truth, &found.trajectory));
+    let (alone, rms) = (rms(&truth, &reckoned), rms(&truth, &found.trajectory()));
     assert!(alone > 0.5 && rms < 0.1, "odometry alone {alone} m, mapped {rms} m");
     assert_eq!(found.landmarks.len(), 12, "{:?}", found.runs);
     let [forward, turn, curvature] = found.calibration;
@@ -85,12 +85,12 @@ fn a_loop_is_mapped_that_odometry_alone_misses() {
         assert!(landmark.covariance.symmetric_eigenvalues().min() > 0.0);
     }
     let again = mapped().2;
-    assert_eq!((again.objective, again.trajectory), (found.objective, found.trajectory));
+    assert_eq!((again.objective, again.keyframes), (found.objective, found.keyframes));
 }
 
 #[test]
 fn nothing_seen_is_told() {
     let (mut recording, _) = recording();
     recording.frames.iter_mut().for_each(|frame| frame.detections.clear());
-    assert!(matches!(map(&recording, &SemanticConfig::default()), Err(SemanticError::NothingSeen)));
+    assert!(matches!(map(&recording, &SemanticConfig::default(), &|_| ()), Err(SemanticError::NothingSeen)));
 }

@@ -11,8 +11,8 @@ fn tubes_of_three_classes_are_mapped() {
     let read = Dataset::MrClam.read(&data_folder().join("semantic/mrclam/dataset7"), &options).unwrap();
     let rms = |trajectory: &[_]| reference_errors(&read.trajectory, trajectory).absolute.unwrap().rmse;
     let reckoned = read.recording.odometry.dead_reckoning(read.trajectory.iter().map(|pose| pose.stamp));
-    let found = map(&read.recording, &SemanticConfig::default()).unwrap();
-    let (alone, mapped, landmarks) = (rms(&reckoned), rms(&found.trajectory), found.landmarks.len());
+    let found = map(&read.recording, &SemanticConfig::default(), &|_| ()).unwrap();
+    let (alone, mapped, landmarks) = (rms(&reckoned), rms(&found.trajectory()), found.landmarks.len());
     println!("{options:?}: odometry alone {alone:.3} m, mapped {mapped:.3} m with {landmarks} landmarks");
     assert!(alone > 0.5, "this is no task: odometry alone is {alone} m off");
     assert!(mapped <= 0.12 && (15..=18).contains(&landmarks), "{mapped} m, {landmarks} landmarks");
