@@ -34,7 +34,7 @@ pub struct SemanticArgs {
     #[arg(long, value_name = "COUNT", default_value_t = SemanticConfig::default().beam)]
     beam: usize,
     /// Which object each detection shows, as ids.csv of `ipslam convert` tells: the best that could be reached
-    #[arg(long, value_name = "FILE.csv")]
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["association", "beam"])]
     known_ids: Option<PathBuf>,
 }
 
@@ -113,6 +113,7 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
             "turn_scale": found.calibration[1],
             "curvature": found.calibration[2],
         },
+        "detection_probability": found.detection_probability,
         "runs": found.runs.iter().map(|run| json!({
             "new_density": run.new_density,
             "objective": run.objective,

@@ -199,6 +199,10 @@ fn marker(class: usize, at: Point2<f64>) -> String {
 
 /// Half axes \[m\] of the ellipse, and the angle of the first one on the page \[degrees\].
 fn ellipse(landmark: &Landmark) -> Option<(Vector2<f64>, f64)> {
+    // What is not finite has no eigenvalues, and the search for them no end.
+    if !landmark.covariance.iter().all(|entry| entry.is_finite()) {
+        return None;
+    }
     let eigen = landmark.covariance.symmetric_eigen();
     let radii = eigen.eigenvalues.map(|variance| (CONFIDENCE * variance).sqrt());
     let axis = eigen.eigenvectors.column(0);

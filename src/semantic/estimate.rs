@@ -49,6 +49,8 @@ pub struct Estimate {
     pub calibration: Vector3<f64>,
     /// The map.
     pub landmarks: Vec<Landmark>,
+    /// That a landmark in view is detected.
+    pub detection_probability: f64,
     /// The pairs of each keyframe.
     pub weights: Vec<Vec<Pair>>,
 }
@@ -64,7 +66,7 @@ impl Estimate {
             .zip(&self.poses)
             .filter(|(keyframe, _)| !keyframe.seen.is_empty())
             .map(|(keyframe, pose)| {
-                let table = table(model, *pose, &self.landmarks, &keyframe.seen, 1.0);
+                let table = table(model, *pose, &self.landmarks, &keyframe.seen, self.detection_probability, 1.0);
                 associate(&table, Policy::Hungarian).log_likelihood
             })
             .sum();

@@ -134,9 +134,11 @@ impl Hypothesis {
             let (Some(prediction), Some(covariance)) = (&predictions[place], covariances[place]) else {
                 return f64::NEG_INFINITY;
             };
-            let class = model.class_log_likelihood(&self.landmarks[place].classes, seen[detection].class);
-            let fit = Fit::new(model, &seen[detection], prediction, covariance);
-            fit.filter(|fit| fit.squared <= GATE * GATE).map_or(f64::NEG_INFINITY, |fit| fit.log_density + class)
+            let fit =
+                Fit::new(model, &seen[detection], prediction, covariance).filter(|fit| fit.squared <= GATE * GATE);
+            fit.map_or(f64::NEG_INFINITY, |fit| {
+                fit.log_density + model.class_log_likelihood(&self.landmarks[place].classes, seen[detection].class)
+            })
         });
         let assignments = best_assignments(&table, count, BRANCH_MARGIN).into_iter();
         assignments.filter_map(|assignment| self.branch(model, seen, log_new, assignment.landmarks)).collect()

@@ -9,11 +9,12 @@
 //! - M step (eq. 6): x, l = arg min Σ w_kj ρ(detection k less landmark j as seen) + odometry.
 //!
 //! Here both go over all keyframes in each sweep, where the paper weighs a keyframe once; ρ is Cauchy's loss, and the
-//! odometry's calibration (forward scale, turn scale, curvature) is estimated with the path.
+//! odometry's calibration (forward scale, turn scale, curvature) is estimated with the path, and so is how often an object in
+//! view is detected: a map is wrong where its objects are in view and not seen.
 //!
 //! EM polishes and does not rescue: it needs a start in the right basin. That is found by a beam of hypotheses in a forward
-//! pass, run with several densities of new landmarks. The sweeps polish each run, landmarks mapped twice are merged, and the
-//! run of the highest objective is the result.
+//! pass, run with several densities of new landmarks. The sweeps polish each run, landmarks mapped twice are merged, clutter
+//! is dropped, and the run of the highest objective is the result.
 //!
 //! | File | Task |
 //! |---|---|
@@ -23,7 +24,7 @@
 //! | `hypothesis`, `beam` | the forward pass |
 //! | `estimate` | path, map, weights, and the objective |
 //! | `e_step`, `m_step` | the sweeps |
-//! | `merging` | landmarks mapped twice |
+//! | `merging` | landmarks mapped twice, and clutter |
 //! | `verdict` | whether to believe the map |
 //! | `progress` | how much is done |
 //!
@@ -128,6 +129,8 @@ pub struct SemanticMap {
     pub weights: Vec<Weight>,
     /// Forward scale, turn scale, curvature \[rad/m\] of the odometry.
     pub calibration: [f64; 3],
+    /// How often a landmark in view is detected.
+    pub detection_probability: f64,
     /// The objective \[nats\].
     pub objective: f64,
     /// All runs, in the order of [`NEW_DENSITIES`]; none where the associations were known.
@@ -199,7 +202,7 @@ impl<'a> Mapping<'a> {
             return Err(SemanticError::NothingSeen);
         }
         let progress = Progress::new(progress, NEW_DENSITIES.len() * (keyframes.len() + config.sweeps));
-        Ok(Self { model: SensorModel::new(&recording.sensors), keyframes, config, progress })
+        Ok(Self { model: SensorModel::new(recording), keyframes, config, progress })
     }
 
     /// One run for each density of new landmarks; the objective chooses.
@@ -227,6 +230,8 @@ impl<'a> Mapping<'a> {
         for tempering in self.temperings() {
             self.maximise(&mut estimate, tempering)?;
         }
+        self.progress.finish();
+        estimate.detection_probability = e_step::detection_probability(&self.model, &self.keyframes, &estimate);
         let objective = self.objective(&estimate);
         self.finish(&estimate, objective, Vec::new(), &[])
     }
@@ -274,6 +279,7 @@ impl<'a> Mapping<'a> {
             weights: pass.assignments.iter().map(pairs).collect(),
             poses: pass.poses,
             calibration: pass.calibration,
+            detection_probability: self.model.sensors.detector.detection_probability,
         };
         e_step::class_posteriors(&self.model, &self.keyframes, &mut estimate);
         estimate
@@ -339,6 +345,7 @@ impl<'a> Mapping<'a> {
             landmarks,
             weights,
             calibration: estimate.calibration.into(),
+            detection_probability: estimate.detection_probability,
             objective,
             runs,
             detections: self.keyframes.iter().map(|keyframe| keyframe.seen.len()).sum(),

@@ -20,4 +20,9 @@ impl<'a> Progress<'a> {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         (self.tell)(done as f64 / self.all as f64);
     }
+
+    /// All is done.
+    pub fn finish(&self) {
+        (self.tell)(1.0);
+    }
 }

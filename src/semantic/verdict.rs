@@ -6,7 +6,6 @@
 use super::estimate::Estimate;
 use super::keyframes::Keyframe;
 use super::sensor_model::{CALIBRATION_SIGMAS, SensorModel};
-use crate::detections::View;
 use crate::factor_graph::Odometry;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -14,8 +13,6 @@ use serde::Serialize;
 /// An object was in view for long where so many detections of it were to be expected: e⁻⁵, less than a hundredth, is the
 /// probability of none.
 const LONG_VISIT: f64 = 5.0;
-/// An object is in view for certain this far from the edges of the view \[standard deviations\].
-const INSIDE: f64 = 3.0;
 
 /// A map is doubted where less than this share of the detections shows its objects.
 const LEAST_EXPLAINED: f64 = 0.8;
@@ -79,7 +76,7 @@ impl Verdict {
         }
         if let Some(unseen) = self.unseen.filter(|unseen| *unseen > MOST_UNSEEN) {
             let unseen = percent(unseen);
-            doubts.push(format!("objects were not seen in {unseen} of the time that they were in view for long: a place may be mapped twice"));
+            doubts.push(format!("objects were not seen in {unseen} of the time that they were in view for long: a place may be mapped twice, if nothing stood in front of them"));
         }
         if self.detection_error > MOST_ERROR {
             let times = self.detection_error.sqrt();
@@ -142,7 +139,7 @@ fn unseen(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &Estimate) 
         }
         for (place, (landmark, visit)) in estimate.landmarks.iter().zip(&mut open).enumerate() {
             let prediction = model.predict(*pose, landmark.position);
-            if prediction.is_some_and(|prediction| is_inside(model, prediction.mean.x, prediction.mean.y)) {
+            if prediction.is_some_and(|prediction| model.is_in_view(&prediction)) {
                 visit.frames += 1.0;
                 let of_landmark = pairs.iter().filter(|pair| pair.landmark == place);
                 visit.seen += of_landmark.map(|pair| pair.weight).sum::<f64>();
@@ -160,13 +157,4 @@ fn unseen(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &Estimate) 
     let all: f64 = long().map(|visit| visit.frames).sum();
     let unseen: f64 = long().filter(|visit| !is_seen(visit)).map(|visit| visit.frames).sum();
     (all > 0.0).then(|| unseen / all)
-}
-
-/// Whether a detection at this range and bearing would be in view for certain.
-fn is_inside(model: &SensorModel<'_>, range: f64, bearing: f64) -> bool {
-    let View { min_range, max_range, min_bearing, max_bearing } = model.sensors.view;
-    let [range_sigma, bearing_sigma] = model.sensors.noise.at(range).map(|sigma| INSIDE * sigma);
-    let bearings = min_bearing + bearing_sigma..=max_bearing - bearing_sigma;
-    let sees_all_round = max_bearing - min_bearing >= std::f64::consts::TAU - 1e-9;
-    (min_range..=max_range - range_sigma).contains(&range) && (sees_all_round || bearings.contains(&bearing))
 }
