@@ -101,7 +101,10 @@ fn a_loop_is_mapped_that_odometry_alone_misses() {
 fn known_objects_are_mapped_as_they_are_known() {
     let (recording, truth, ids) = recording();
     let most = Mutex::new(0.0_f64);
-    let told = |share: f64| *most.lock().unwrap() = most.lock().unwrap().max(share);
+    let told = |share: f64| {
+        let mut most = most.lock().unwrap();
+        *most = most.max(share);
+    };
     let found = map_known(&recording, &ids, &SemanticConfig::default(), &told).unwrap();
     let rms = rms(&truth, &found.trajectory());
     assert!(rms < 0.1, "{rms} m");
