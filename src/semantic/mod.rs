@@ -74,7 +74,9 @@ pub enum SemanticError {
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// There is nothing to map.
-    #[error("no frame has a detection that its sensor can see, so there is nothing to map; see [view] in sensors.toml")]
+    #[error(
+        "no frame has a detection that its sensor can see, or whose object is known where ids are given, so there is nothing to map; see [view] in sensors.toml"
+    )]
     NothingSeen,
     /// The M step has no solution.
     #[error("the M step has no solution: {0}")]
