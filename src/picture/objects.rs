@@ -11,6 +11,7 @@ use crate::detections::Recording;
 use crate::geometry::{Pose, StampedPose};
 use crate::semantic::{Landmark, SemanticMap};
 use nalgebra::{Point2, Vector2};
+use std::collections::HashMap;
 use std::fmt::Write as _;
 
 /// Colours of classes that are told apart by readers who see red and green alike (M. Okabe, K. Ito, "Color Universal
@@ -52,26 +53,24 @@ impl<'a> Objects<'a> {
     fn new(recording: &'a Recording, map: &'a SemanticMap) -> Self {
         let sensors = &recording.sensors;
         let (mut detections, mut links) = (Vec::new(), Vec::new());
+        let mut poses: HashMap<usize, Pose> = HashMap::new();
         for keyframe in &map.keyframes {
-            let Some(frame) = keyframe.frame.and_then(|frame| recording.frames.get(frame)) else { continue };
+            let Some(number) = keyframe.frame else { continue };
+            let Some(frame) = recording.frames.get(number) else { continue };
             let world_from_sensor = keyframe.pose * sensors.robot_from_sensor;
-            detections.extend(
-                frame
-                    .in_view(sensors.view)
-                    .map(|(_, seen)| Seen { class: seen.class, at: place(world_from_sensor, seen) }),
-            );
+            poses.insert(number, world_from_sensor);
+            let in_view = frame.in_view(sensors.view);
+            detections
+                .extend(in_view.map(|(_, seen)| Seen { class: seen.class, at: world_from_sensor * seen.position() }));
         }
-        let poses = map.keyframes.iter().filter_map(|keyframe| Some((keyframe.frame?, keyframe.pose)));
-        let poses: std::collections::HashMap<usize, Pose> = poses.collect();
         for weight in &map.weights {
             let seen = recording.frames.get(weight.frame).and_then(|frame| frame.detections.get(weight.detection));
-            let (Some(seen), Some(pose), Some(landmark)) =
+            if let (Some(seen), Some(world_from_sensor), Some(landmark)) =
                 (seen, poses.get(&weight.frame), map.landmarks.get(weight.landmark))
-            else {
-                continue;
-            };
-            let from = place(*pose * sensors.robot_from_sensor, seen);
-            links.push(Link { from, to: landmark.position, weight: weight.weight });
+            {
+                let from = *world_from_sensor * seen.position();
+                links.push(Link { from, to: landmark.position, weight: weight.weight });
+            }
         }
         Self { classes: &sensors.classes, landmarks: &map.landmarks, detections, links }
     }
@@ -167,12 +166,6 @@ impl<'a> Objects<'a> {
     fn positions(&self) -> impl Iterator<Item = Point2<f64>> {
         self.landmarks.iter().map(|landmark| landmark.position)
     }
-}
-
-/// Where a detection puts its object.
-fn place(world_from_sensor: Pose, seen: &crate::detections::Detection) -> Point2<f64> {
-    let (sin, cos) = seen.bearing.sin_cos();
-    world_from_sensor * Point2::new(seen.range * cos, seen.range * sin)
 }
 
 fn colour(class: usize) -> [u8; 3] {

@@ -87,8 +87,7 @@ impl<'a> SensorModel<'a> {
 
     /// Where the object of a detection is.
     pub fn position(&self, world_from_robot: Pose, seen: &Detection) -> Point2<f64> {
-        let (sin, cos) = seen.bearing.sin_cos();
-        world_from_robot * (self.sensors.robot_from_sensor * Point2::new(seen.range * cos, seen.range * sin))
+        world_from_robot * (self.sensors.robot_from_sensor * seen.position())
     }
 
     /// The log-density of a detection at a squared distance d² \[standard deviations\] from where its landmark is seen.
