@@ -7,6 +7,8 @@
 pub use odometry::{Motion, Odometry, Velocity};
 pub use sensors::{DetectionKind, DetectionNoise, Detector, OdometryNoise, Sensors, View};
 
+use nalgebra::Point2;
+
 mod odometry;
 mod sensors;
 
@@ -21,6 +23,14 @@ pub struct Detection {
     pub range: f64,
     /// Direction in the sensor's frame \[rad\], counter-clockwise from straight ahead, in (-π, π].
     pub bearing: f64,
+}
+
+impl Detection {
+    /// Where the object is, in the sensor's frame \[m\].
+    pub fn position(&self) -> Point2<f64> {
+        let (sin, cos) = self.bearing.sin_cos();
+        Point2::new(self.range * cos, self.range * sin)
+    }
 }
 
 /// All detections of one moment.

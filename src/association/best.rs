@@ -21,12 +21,13 @@ pub struct Assignment {
     pub log_likelihood: f64,
 }
 
-/// The `count` most likely assignments of a frame, or all where there are fewer, the likeliest first.
+/// The `count` most likely assignments of a frame, or all where there are fewer, the likeliest first; without those that
+/// are less likely than the best one by more than `margin` \[nats\], which may be infinite.
 ///
 /// Assignments that differ by less than 1e-12 K in log-likelihood may be left out in favour of each other; which ones
 /// is the same every time. Equal ones are in lexicographic order, none before the first landmark. Takes
 /// O(`count` K) assignment problems of K x (M + K), and memory O(`count` K²).
-pub fn best_assignments(table: &Table, count: usize) -> Vec<Assignment> {
+pub fn best_assignments(table: &Table, count: usize, margin: f64) -> Vec<Assignment> {
     let block = Block::whole(table);
     let problem = Problem::new(&block);
     let family = |agreed: usize, start: &[Option<usize>], excluded: Vec<Option<usize>>| {
@@ -34,11 +35,15 @@ pub fn best_assignments(table: &Table, count: usize) -> Vec<Assignment> {
         Some(Family { log_likelihood: block.log_likelihood(&columns), columns, agreed, excluded })
     };
     let mut families: BinaryHeap<Family> = family(0, &[], Vec::new()).into_iter().collect();
+    let least = families.peek().map_or(0.0, |first| first.log_likelihood - margin);
     let mut best = Vec::new();
     while best.len() < count
         && let Some(Family { columns, log_likelihood, agreed, excluded }) = families.pop()
+        && log_likelihood >= least
     {
-        for row in agreed..columns.len() {
+        // Nothing comes after the last one.
+        let rows = if best.len() + 1 < count { agreed..columns.len() } else { 0..0 };
+        for row in rows {
             let mut excluded = if row == agreed { excluded.clone() } else { Vec::new() };
             excluded.push(columns[row]);
             families.extend(family(row, &columns, excluded));

@@ -45,8 +45,8 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "snake_case")]
 pub enum Policy {
     /// By their probability over all one-to-one assignments. A block of the frame, whose detections compete for
-    /// landmarks, is summed exactly where it has at most ten detections or at most ten landmarks: to 1e-12 of each
-    /// weight. Larger blocks take belief propagation. Against exact sums of random blocks of two to eight detections
+    /// landmarks, is summed exactly where it has at most ten detections or at most ten landmarks, or eleven with at most 23
+    /// of the other: to 1e-12 of each weight. Larger blocks take belief propagation. Against exact sums of random blocks of two to eight detections
     /// whose terms are spread over 1, 3 and 10 nats, its weights are off by 0.002, 0.004 and 0.008 in the mean and by
     /// 0.06, 0.15 and 0.44 at most, and its log-likelihood is too low by up to 0.3, 0.8 and 1.3. It is worst where two
     /// detections fit two landmarks in both ways equally well, and nothing else: it may then take one way for certain.

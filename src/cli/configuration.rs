@@ -1,10 +1,9 @@
 //! Options that set the configuration of a run.
 
-use anyhow::{Context as _, anyhow, ensure};
+use anyhow::{Context as _, anyhow};
 use clap::ValueEnum;
 use ipslam::config::SlamConfig;
-use std::fs::File;
-use std::io::Read as _;
+use ipslam::io::{TextError, read_text};
 use std::path::{Path, PathBuf};
 
 /// What is set, and by what.
@@ -70,13 +69,8 @@ const MAX_LENGTH: u64 = 1 << 20;
 /// The text of a configuration.
 pub fn read(path: &Path) -> anyhow::Result<String> {
     let shown = path.display();
-    let mut bytes = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(MAX_LENGTH + 1).read_to_end(&mut bytes))
-        .with_context(|| format!("{shown}: cannot be read"))?;
-    ensure!(bytes.len() as u64 <= MAX_LENGTH, "{shown}: this is no configuration: it has more than {MAX_LENGTH} bytes");
-    String::from_utf8(bytes).map_err(|error| {
-        let at = error.utf8_error().valid_up_to();
-        anyhow!("{shown}: a configuration is a TOML text in UTF-8, and byte {at} of this file is none of it")
+    read_text(path, MAX_LENGTH).map_err(|error| match error {
+        TextError::Read(source) => anyhow::Error::new(source).context(format!("{shown}: cannot be read")),
+        other => anyhow!("{shown}: this is no configuration, a TOML text: {other}"),
     })
 }

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 const EVERY: Duration = Duration::from_millis(100);
 /// Parts of a whole whose size is not known.
-const PERMILLE: u64 = 1000;
+pub const PERMILLE: u64 = 1000;
 
 /// Runs a log with a bar on stderr, until it ends or the user wants no more; `message` says how the filter does after so
 /// many seconds.

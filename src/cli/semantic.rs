@@ -1,20 +1,22 @@
 //! `ipslam semantic`: a recording of detections in; trajectory, landmarks, weights and a summary out.
 
 use super::output::Outputs;
-use super::say::print_line;
+use super::progress::{Bar, PERMILLE};
+use super::say::{print_line, say};
 use anyhow::Context as _;
 use clap::ValueEnum;
 use ipslam::association::Policy;
 use ipslam::detections::Recording;
 use ipslam::geometry::StampedPose;
-use ipslam::io::semantic::{self as recordings, truth};
+use ipslam::io::semantic::{self as recordings, results, truth};
 use ipslam::io::tum;
 use ipslam::metrics::trajectory::reference_errors;
-use ipslam::semantic::{SemanticConfig, SemanticMap, Weight, map};
+use ipslam::picture::object_map;
+use ipslam::semantic::{SemanticConfig, SemanticMap, Weight, map, map_known};
 use serde_json::json;
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Maps the objects of a recording of detections, whose classes it knows and whose identities it does not.
@@ -31,6 +33,9 @@ pub struct SemanticArgs {
     /// Hypotheses that the forward pass keeps
     #[arg(long, value_name = "COUNT", default_value_t = SemanticConfig::default().beam)]
     beam: usize,
+    /// Which object each detection shows, as ids.csv of `ipslam convert` tells: the best that could be reached
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["association", "beam"])]
+    known_ids: Option<PathBuf>,
 }
 
 /// How detections are given to landmarks.
@@ -65,24 +70,41 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     config.validate()?;
     let read = recordings::read(&args.recording)?;
     for warning in &read.warnings {
-        super::say::say!("{warning}");
+        say!("{warning}");
     }
     let recording = read.recording;
     let folder = std::path::absolute(&args.recording).unwrap_or_else(|_| args.recording.clone());
     let name = folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
     let mut outputs = Outputs::for_log(args.out.as_deref(), &name)?;
+    let ids = args.known_ids.as_deref().map(|path| truth::read_ids(path, &recording)).transpose()?;
     let began = Instant::now();
-    let found = map(&recording, &config).with_context(|| args.recording.display().to_string())?;
+    let bar = Mutex::new(Bar::new(Some(PERMILLE)));
+    let progress = |share: f64| {
+        if let Ok(mut bar) = bar.try_lock() {
+            bar.update((share * PERMILLE as f64) as u64, |_| "mapping".to_owned());
+        }
+    };
+    let found = match &ids {
+        Some(ids) => map_known(&recording, ids, &config, &progress),
+        None => map(&recording, &config, &progress),
+    };
+    bar.into_inner().unwrap_or_else(PoisonError::into_inner).finish();
+    let found = found.with_context(|| args.recording.display().to_string())?;
     let seconds = began.elapsed().as_secs_f64();
 
-    outputs.write_trajectory("trajectory.tum", &found.trajectory);
-    outputs.write("landmarks.json", format!("{:#}\n", landmarks(&recording, &found)).as_bytes());
-    outputs.write("weights.csv", weights(&recording, &found).as_bytes());
     let score = Score::of(&args.recording, &recording, &found)?;
+    outputs.write_trajectory("trajectory.tum", &found.trajectory());
+    for (name, text) in results::files(&recording, &found) {
+        outputs.write(name, text.as_bytes());
+    }
+    match object_map(&name, &recording, &found, &score.reference) {
+        Ok(files) => files.iter().for_each(|(name, bytes)| outputs.write(name, bytes)),
+        Err(error) => outputs.note(Err(error)),
+    }
     let summary = json!({
         "recording": name,
         "seconds": seconds,
-        "keyframes": found.trajectory.len(),
+        "keyframes": found.keyframes.len(),
         "detections": found.detections,
         "landmarks": found.landmarks.len(),
         "objective": found.objective,
@@ -91,53 +113,32 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
             "turn_scale": found.calibration[1],
             "curvature": found.calibration[2],
         },
+        "detection_probability": found.detection_probability,
         "runs": found.runs.iter().map(|run| json!({
             "new_density": run.new_density,
             "objective": run.objective,
             "landmarks": run.landmarks,
         })).collect::<Vec<_>>(),
+        "verdict": if found.verdict.is_consistent() { "consistent" } else { "doubtful" },
+        "doubts": found.verdict.doubts(),
+        "evidence": found.verdict,
         "settings": serde_json::to_value(config)?,
         "rms_error": score.rms,
         "weight_on_right_landmark": score.right,
     });
     outputs.write("summary.json", format!("{summary:#}\n").as_bytes());
     outputs.finish();
+    found.verdict.doubts().iter().for_each(|doubt| say!("doubtful: {doubt}"));
     print_line!(
-        "{} landmarks from {} detections in {} keyframes, {seconds:.1} s; objective {:.1}{}",
+        "{} landmarks from {} detections in {} keyframes, {seconds:.1} s; objective {:.1}; {}{}",
         found.landmarks.len(),
         found.detections,
-        found.trajectory.len(),
+        found.keyframes.len(),
         found.objective,
+        if found.verdict.is_consistent() { "consistent" } else { "doubtful" },
         score.text()
     );
     Ok(std::mem::take(&mut outputs.errors))
-}
-
-fn landmarks(recording: &Recording, found: &SemanticMap) -> serde_json::Value {
-    let landmarks = found.landmarks.iter().enumerate().map(|(number, landmark)| {
-        let classes: BTreeMap<&str, f64> =
-            recording.sensors.classes.iter().map(String::as_str).zip(landmark.classes.iter().copied()).collect();
-        let [[xx, xy], [_, yy]] = landmark.covariance.data.0;
-        json!({
-            "landmark": number,
-            "class": recording.sensors.classes.get(landmark.class()),
-            "position": [landmark.position.x, landmark.position.y],
-            "covariance": [[xx, xy], [xy, yy]],
-            "classes": classes,
-            "weight": landmark.weight,
-        })
-    });
-    json!({ "landmarks": landmarks.collect::<Vec<_>>() })
-}
-
-fn weights(recording: &Recording, found: &SemanticMap) -> String {
-    let mut text = "t,number,landmark,weight\n".to_owned();
-    for Weight { frame, detection, landmark, weight } in &found.weights {
-        let stamp = recording.frames.get(*frame).map_or(f64::NAN, |frame| frame.stamp);
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "{stamp},{detection},{landmark},{weight:.6}");
-    }
-    text
 }
 
 /// How good the map is, where the recording holds the truth.
@@ -146,18 +147,22 @@ struct Score {
     rms: Option<f64>,
     /// Share of the detections' weight that is on the landmark of their object.
     right: Option<f64>,
+    /// The true path, in the frame of the map.
+    reference: Vec<StampedPose>,
 }
 
 impl Score {
     fn of(folder: &Path, recording: &Recording, found: &SemanticMap) -> anyhow::Result<Self> {
         let existing = |name: &str| Some(folder.join(name)).filter(|path| path.is_file());
-        let reference: Option<Vec<StampedPose>> =
-            existing(truth::TRAJECTORY).map(|path| tum::read(&path)).transpose()?;
-        let errors = reference.map(|reference| reference_errors(&reference, &found.trajectory));
+        let mut reference = existing(truth::TRAJECTORY).map(|path| tum::read(&path)).transpose()?.unwrap_or_default();
+        let errors = reference_errors(&reference, &found.trajectory());
+        let world_from_reference = errors.reference_from_world.inverse();
+        reference.iter_mut().for_each(|StampedPose { pose, .. }| *pose = world_from_reference * *pose);
         let ids = existing(truth::IDS).map(|path| truth::read_ids(&path, recording)).transpose()?;
         Ok(Self {
-            rms: errors.and_then(|errors| errors.absolute).map(|absolute| absolute.rmse),
+            rms: errors.absolute.map(|absolute| absolute.rmse),
             right: ids.and_then(|ids| weight_on_right_landmark(&ids, &found.weights)),
+            reference,
         })
     }
 

@@ -15,10 +15,12 @@ mod open;
 pub mod relations;
 pub mod semantic;
 mod table;
+mod text;
 pub mod tum;
 pub mod visual_inertial;
 
 pub use open::open_log;
+pub use text::{TextError, read_text};
 
 /// Why a file could not be written.
 #[derive(Debug, thiserror::Error)]

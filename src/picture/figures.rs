@@ -11,6 +11,9 @@ use crate::report::RunResult;
 use crate::scan::Scan;
 use rayon::prelude::*;
 
+/// Names of files and what is in them.
+pub type Files = Vec<(&'static str, Vec<u8>)>;
+
 /// Gathers the points of a run and draws its pictures.
 pub struct Figures<'a> {
     name: String,
@@ -69,7 +72,7 @@ impl<'a> Figures<'a> {
     ///
     /// # Errors
     /// A picture cannot be rendered.
-    pub fn finish(&self) -> Result<Vec<(&'static str, Vec<u8>)>, PictureError> {
+    pub fn finish(&self) -> Result<Files, PictureError> {
         let drawn: Vec<_> = self.pictures().into_par_iter().map(drawn).collect::<Result<_, PictureError>>()?;
         Ok(drawn.into_iter().flatten().collect())
     }
@@ -78,7 +81,7 @@ impl<'a> Figures<'a> {
     ///
     /// # Errors
     /// The picture cannot be rendered.
-    pub fn map(&self) -> Result<Vec<(&'static str, Vec<u8>)>, PictureError> {
+    pub fn map(&self) -> Result<Files, PictureError> {
         drawn(("map.png", Some("map.svg"), self.map_picture()))
     }
 
@@ -144,9 +147,9 @@ impl<'a> Figures<'a> {
 }
 
 /// The files of a picture.
-fn drawn(
+pub(super) fn drawn(
     (png_name, svg_name, picture): (&'static str, Option<&'static str>, Picture<'_>),
-) -> Result<Vec<(&'static str, Vec<u8>)>, PictureError> {
+) -> Result<Files, PictureError> {
     let svg = picture.to_svg();
     let png = svg_to_png(&svg, PNG_SIDE)?;
     let svg = svg_name.map(|name| (name, svg.into_bytes()));
@@ -154,7 +157,7 @@ fn drawn(
 }
 
 /// Length of the way from pose to pose, in metres; pairs that are not finite are left out.
-fn path_length(poses: &[StampedPose]) -> f64 {
+pub(super) fn path_length(poses: &[StampedPose]) -> f64 {
     let steps = poses.windows(2).map(|pair| (pair[1].pose.position() - pair[0].pose.position()).norm());
     steps.filter(|step| step.is_finite()).sum()
 }

@@ -3,17 +3,20 @@
 //! A [`Picture`] is a list of layers in the world's frame, in metres, x to the right and y up. [`Picture::to_svg`]
 //! writes the one document; [`svg_to_png`] renders that same document, with a font of its own, so that both formats
 //! show the same on any machine. Points are far too many for a vector picture and are counted in a [`PointRaster`]
-//! first. [`Figures`] makes the paper's figures 3 and 4 and the map of a run in one pass over its scans.
+//! first. [`Figures`] makes the paper's figures 3 and 4 and the map of a run in one pass over its scans, [`object_map`] the map of
+//! objects.
 //!
 //! What is not finite is left out.
 
 mod figures;
+mod objects;
 mod png;
 mod raster;
 mod reproject;
 mod svg;
 
-pub use figures::Figures;
+pub use figures::{Figures, Files};
+pub use objects::object_map;
 pub use png::{PictureError, svg_to_png};
 pub use raster::PointRaster;
 
@@ -45,7 +48,7 @@ impl Line {
     pub const ODOMETRY: Self = Self { colour: [214, 120, 40], dashed: true };
 }
 
-/// A picture under construction; layers lie on each other as points, clusters, trajectories.
+/// A picture under construction; layers lie on each other as points, clusters, trajectories, objects.
 #[derive(Clone, Debug, Default)]
 pub struct Picture<'a> {
     title: String,
@@ -54,6 +57,7 @@ pub struct Picture<'a> {
     points: Option<(String, &'a PointRaster)>,
     clusters: Option<&'a [Cluster]>,
     trajectories: Vec<(String, Line, &'a [StampedPose])>,
+    objects: Option<objects::Objects<'a>>,
 }
 
 impl<'a> Picture<'a> {
@@ -137,6 +141,11 @@ impl View {
         if clusters.is_empty() {
             corners.extend(points.and_then(PointRaster::extent).into_iter().flat_map(|view| [view.min, view.max]));
         }
+        Self::of(corners)
+    }
+
+    /// What holds some points, with a margin.
+    fn of(corners: impl IntoIterator<Item = Point2<f64>>) -> Self {
         let mut corners = corners.into_iter().filter(|&point| is_drawable(point));
         let first = corners.next().unwrap_or_default();
         let tight = corners.fold(Self { min: first, max: first }, |view, corner| Self {

@@ -29,7 +29,7 @@ const POINTS: [u8; 3] = [32, 74, 122];
 const POINTS_BELOW: [u8; 3] = [125, 160, 196];
 
 /// Size of a page and where the world lies on it.
-struct Page {
+pub(super) struct Page {
     width: f64,
     height: f64,
     /// Upper left corner and size of the map, in pixels.
@@ -37,7 +37,7 @@ struct Page {
     size: Vector2<f64>,
     view: View,
     /// Pixels per metre.
-    scale: f64,
+    pub(super) scale: f64,
 }
 
 impl Page {
@@ -55,7 +55,7 @@ impl Page {
     }
 
     /// A point of the world on the page.
-    fn place(&self, point: Point2<f64>) -> Point2<f64> {
+    pub(super) fn place(&self, point: Point2<f64>) -> Point2<f64> {
         self.corner + Vector2::new(point.x - self.view.min.x, self.view.max.y - point.y) * self.scale
     }
 
@@ -68,10 +68,10 @@ impl Page {
 }
 
 /// Text and swatch of one line of the legend.
-struct LegendEntry {
-    label: String,
+pub(super) struct LegendEntry {
+    pub(super) label: String,
     /// SVG elements between (0, 0) and (30, 0).
-    swatch: String,
+    pub(super) swatch: String,
 }
 
 pub(super) fn write(picture: &Picture<'_>) -> String {
@@ -111,6 +111,7 @@ pub(super) fn write(picture: &Picture<'_>) -> String {
     for (i, (_, line, poses)) in picture.trajectories.iter().enumerate().rev() {
         svg += &trajectory(i, *line, poses, &page);
     }
+    svg += &picture.objects.as_ref().map_or_else(String::new, |objects| objects.draw(&page));
     svg += "</g>\n";
     svg += &format!("<rect {rectangle} fill=\"none\" stroke=\"{FRAME}\" stroke-width=\"1.5\"/>\n");
     svg += &scale_bar(&page);
@@ -282,6 +283,7 @@ fn legend(picture: &Picture<'_>) -> Vec<LegendEntry> {
             .map(|(x, y)| format!("<rect x=\"{x}\" y=\"{y}\" width=\"3.5\" height=\"3.5\" fill=\"{colour}\"/>"));
         entries.push(LegendEntry { label: label.clone(), swatch: dots.concat() });
     }
+    entries.extend(picture.objects.iter().flat_map(|objects| objects.legend()));
     if !picture.trajectories.is_empty() {
         let ring =
             format!("<circle cx=\"22\" cy=\"0\" r=\"6\" fill=\"#ffffff\" stroke=\"{TEXT}\" stroke-width=\"2.6\"/>");
@@ -323,7 +325,7 @@ fn legend_row(row: &[LegendEntry], mut x: f64, y: f64) -> String {
     svg
 }
 
-fn text(x: f64, y: f64, size: f64, colour: &str, content: &str) -> String {
+pub(super) fn text(x: f64, y: f64, size: f64, colour: &str, content: &str) -> String {
     format!("<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"{size}\" fill=\"{colour}\">{}</text>\n", escaped(content))
 }
 
@@ -341,7 +343,7 @@ fn escaped(content: &str) -> String {
     escaped
 }
 
-fn hex([red, green, blue]: [u8; 3]) -> String {
+pub(super) fn hex([red, green, blue]: [u8; 3]) -> String {
     format!("#{red:02x}{green:02x}{blue:02x}")
 }
 

@@ -5,9 +5,12 @@
 
 use super::hypothesis::{Branch, Hypothesis};
 use super::keyframes::Keyframe;
+use super::progress::Progress;
 use super::sensor_model::SensorModel;
 use crate::detections::Detection;
 use crate::geometry::Pose;
+use nalgebra::{Point2, Vector3};
+use std::collections::BTreeMap;
 
 /// Two hypotheses whose robots are closer than this, in position \[m\] and heading \[rad\], differ in labels and not in
 /// places: the likelier is kept.
@@ -22,8 +25,10 @@ pub struct Pass {
     pub poses: Vec<Pose>,
     /// For each keyframe, the number of the landmark of each detection.
     pub assignments: Vec<Vec<usize>>,
-    /// Its filter at the end.
-    pub last: Hypothesis,
+    /// Where each landmark is: as the filter knew it at the end, or where it was last seen if the filter forgot it.
+    pub landmarks: BTreeMap<usize, Point2<f64>>,
+    /// The odometry's calibration at the end.
+    pub calibration: Vector3<f64>,
 }
 
 /// A keyframe in the past of a hypothesis.
@@ -34,10 +39,18 @@ struct Past {
 }
 
 /// Runs the pass; `log_new` is the log-density of landmarks that are new.
-pub fn forward(model: &SensorModel<'_>, keyframes: &[Keyframe], log_new: f64, beam: usize, branches: usize) -> Pass {
+pub fn forward(
+    model: &SensorModel<'_>,
+    keyframes: &[Keyframe],
+    log_new: f64,
+    beam: usize,
+    branches: usize,
+    progress: &Progress<'_>,
+) -> Pass {
     let mut past: Vec<Past> = Vec::new();
     let mut hypotheses = vec![Hypothesis::start()];
     for keyframe in keyframes {
+        progress.advance();
         hypotheses.iter_mut().for_each(|hypothesis| hypothesis.predict(model, keyframe));
         let seen: Vec<Detection> = keyframe.seen.iter().map(|(_, seen)| *seen).collect();
         if !seen.is_empty() {
@@ -47,16 +60,13 @@ pub fn forward(model: &SensorModel<'_>, keyframes: &[Keyframe], log_new: f64, be
             let kept = select(all, beam);
             // Where nothing fits at all, the frame is left out.
             if !kept.is_empty() {
-                hypotheses = kept
-                    .into_iter()
-                    .map(|(parent, way)| {
-                        let mut child = hypotheses[parent].clone();
-                        let ids = child.follow(model, &seen, &way);
-                        past.push(Past { before: child.past, pose: child.pose, ids });
-                        child.past = Some(past.len() - 1);
-                        child
-                    })
-                    .collect();
+                hypotheses = children(hypotheses, &kept);
+                for (child, (_, way)) in hypotheses.iter_mut().zip(&kept) {
+                    child.log_likelihood = way.log_likelihood;
+                    let ids = child.follow(model, &seen, &way.landmarks);
+                    past.push(Past { before: child.past, pose: child.pose, ids });
+                    child.past = Some(past.len() - 1);
+                }
                 continue;
             }
         }
@@ -75,7 +85,74 @@ pub fn forward(model: &SensorModel<'_>, keyframes: &[Keyframe], log_new: f64, be
     }
     poses.reverse();
     assignments.reverse();
-    Pass { poses, assignments, last }
+    let tracked = last.landmarks.iter().map(|tracked| (tracked.id, tracked.position));
+    let mut landmarks = last_seen(model, keyframes, &poses, &assignments);
+    landmarks.extend(tracked);
+    Pass { poses, assignments, landmarks, calibration: last.calibration }
+}
+
+/// The same where it is known which object each detection shows: one hypothesis, whose landmarks have the numbers of the
+/// objects in the order in which they were first seen. `object` tells that of a detection by frame and number; keyframes
+/// hold no detection without.
+pub fn forward_known(
+    model: &SensorModel<'_>,
+    keyframes: &[Keyframe],
+    object: impl Fn(usize, usize) -> Option<u64>,
+) -> Pass {
+    let mut hypothesis = Hypothesis::start();
+    // Of each object its number, and the landmark that it is in the filter, which may forget it and map it anew.
+    let mut objects: BTreeMap<u64, (usize, usize)> = BTreeMap::new();
+    let (mut poses, mut assignments) = (Vec::new(), Vec::new());
+    for keyframe in keyframes {
+        hypothesis.predict(model, keyframe);
+        let seen: Vec<Detection> = keyframe.seen.iter().map(|(_, seen)| *seen).collect();
+        let shown = keyframe.seen.iter().filter_map(|(number, _)| object(keyframe.frame?, *number));
+        let place = |object: u64| {
+            let (_, id) = objects.get(&object)?;
+            hypothesis.landmarks.iter().position(|landmark| landmark.id == *id)
+        };
+        let places: Vec<Option<usize>> = shown.clone().map(place).collect();
+        let ids = hypothesis.follow(model, &seen, &places);
+        let mut numbers = Vec::with_capacity(seen.len());
+        for (object, id) in shown.zip(ids) {
+            let next = objects.len();
+            let known = objects.entry(object).or_insert((next, id));
+            known.1 = id;
+            numbers.push(known.0);
+        }
+        poses.push(hypothesis.pose);
+        assignments.push(numbers);
+    }
+    let mut landmarks = last_seen(model, keyframes, &poses, &assignments);
+    for (number, id) in objects.into_values() {
+        let tracked = hypothesis.landmarks.iter().find(|tracked| tracked.id == id);
+        landmarks.extend(tracked.map(|tracked| (number, tracked.position)));
+    }
+    Pass { poses, assignments, landmarks, calibration: hypothesis.calibration }
+}
+
+/// Of each landmark the place where it was last seen.
+fn last_seen(
+    model: &SensorModel<'_>,
+    keyframes: &[Keyframe],
+    poses: &[Pose],
+    assignments: &[Vec<usize>],
+) -> BTreeMap<usize, Point2<f64>> {
+    let frames = keyframes.iter().zip(poses).zip(assignments);
+    let places = frames.flat_map(|((keyframe, pose), numbers)| {
+        numbers.iter().zip(&keyframe.seen).map(|(number, (_, seen))| (*number, model.position(*pose, seen)))
+    });
+    places.collect()
+}
+
+/// The parent of each branch. The last branch of a parent takes it, and the others have copies, which are large.
+fn children(parents: Vec<Hypothesis>, branches: &[(usize, Branch)]) -> Vec<Hypothesis> {
+    let mut parents: Vec<Option<Hypothesis>> = parents.into_iter().map(Some).collect();
+    let is_last = |at: usize| branches[at + 1..].iter().all(|(parent, _)| *parent != branches[at].0);
+    let take = |(at, (parent, _)): (usize, &(usize, Branch))| {
+        if is_last(at) { parents[*parent].take() } else { parents[*parent].clone() }
+    };
+    branches.iter().enumerate().filter_map(take).collect()
 }
 
 /// The likeliest branch of each neighbourhood, the likeliest first, and at most `count`.

@@ -11,13 +11,17 @@ use crate::geometry::Pose;
 const MIN_WEIGHT: f64 = 0.02;
 /// A pair this unlikely beside clutter \[nats\] is not weighed.
 const MIN_ADVANTAGE: f64 = -12.0;
+/// The weight of the sensors' description beside what the drive shows \[times in view\].
+const DESCRIBED: f64 = 10.0;
 
-/// The terms of a keyframe: density and class of each pair, and clutter. Noise is `tempering` times as wide.
+/// The terms of a keyframe: density and class of each pair, clutter, and the landmarks in view that were missed. Noise is
+/// `tempering` times as wide.
 pub fn table(
     model: &SensorModel<'_>,
     pose: Pose,
     landmarks: &[Landmark],
     seen: &[(usize, Detection)],
+    detection_probability: f64,
     tempering: f64,
 ) -> Table {
     let clutter = model.log_density_of_any_label(model.sensors.detector.clutter_density);
@@ -25,10 +29,19 @@ pub fn table(
     Table::new(vec![clutter; seen.len()], landmarks.len(), |detection, landmark| {
         let seen = &seen[detection].1;
         let Some(prediction) = &predictions[landmark] else { return f64::NEG_INFINITY };
-        let log = model.log_density(prediction.innovation(seen.range, seen.bearing), model.variances(seen), tempering)
-            + model.class_log_likelihood(&landmarks[landmark].classes, seen.class);
+        let density =
+            model.log_density(prediction.innovation(seen.range, seen.bearing), model.variances(seen), tempering);
         // What is far off splits the frame from the rest: so blocks stay small.
-        if log < clutter + MIN_ADVANTAGE { f64::NEG_INFINITY } else { log }
+        let is_far = |log: f64| log < clutter + MIN_ADVANTAGE;
+        if is_far(density) {
+            return f64::NEG_INFINITY;
+        }
+        let log = density + model.class_log_likelihood(&landmarks[landmark].classes, seen.class);
+        if is_far(log) { f64::NEG_INFINITY } else { log }
+    })
+    .with_missed(|place| {
+        let prediction = predictions[place].as_ref()?;
+        model.is_in_view(prediction).then_some(detection_probability)
     })
 }
 
@@ -48,7 +61,7 @@ pub fn e_step(
             if keyframe.seen.is_empty() || landmarks.is_empty() {
                 return Vec::new();
             }
-            let table = table(model, *pose, landmarks, &keyframe.seen, tempering);
+            let table = table(model, *pose, landmarks, &keyframe.seen, estimate.detection_probability, tempering);
             let weights = associate(&table, policy);
             let mut pairs = Vec::new();
             for detection in 0..keyframe.seen.len() {
@@ -66,6 +79,26 @@ pub fn e_step(
         })
         .collect();
     class_posteriors(model, keyframes, estimate);
+    estimate.detection_probability = detection_probability(model, keyframes, estimate);
+}
+
+/// How often a landmark in view is detected. What the sensors' description says counts as much as [`DESCRIBED`] times in view:
+/// it is a guess, and what hides an object is not of the detector.
+pub fn detection_probability(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &Estimate) -> f64 {
+    let described = model.sensors.detector.detection_probability;
+    let (mut detected, mut in_view) = (DESCRIBED * described, DESCRIBED);
+    for ((keyframe, pose), pairs) in keyframes.iter().zip(&estimate.poses).zip(&estimate.weights) {
+        if keyframe.seen.is_empty() {
+            continue;
+        }
+        let is_in_view = |landmark: &Landmark| {
+            model.predict(*pose, landmark.position).is_some_and(|prediction| model.is_in_view(&prediction))
+        };
+        let visible: Vec<bool> = estimate.landmarks.iter().map(is_in_view).collect();
+        in_view += visible.iter().filter(|visible| **visible).count() as f64;
+        detected += pairs.iter().filter(|pair| visible[pair.landmark]).map(|pair| pair.weight).sum::<f64>();
+    }
+    detected / in_view
 }
 
 /// Of each detection, keeps the component of largest weight times density.
@@ -81,7 +114,7 @@ fn keep_likeliest(pairs: &mut Vec<Pair>, table: &Table) {
 }
 
 /// π_j(c) ∝ Π p(label | c)^w over the pairs of landmark j; and the sum of its weights.
-fn class_posteriors(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &mut Estimate) {
+pub fn class_posteriors(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &mut Estimate) {
     let classes = model.classes();
     let mut logs = vec![vec![0.0; classes]; estimate.landmarks.len()];
     estimate.landmarks.iter_mut().for_each(|landmark| landmark.weight = 0.0);

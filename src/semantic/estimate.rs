@@ -49,6 +49,8 @@ pub struct Estimate {
     pub calibration: Vector3<f64>,
     /// The map.
     pub landmarks: Vec<Landmark>,
+    /// That a landmark in view is detected.
+    pub detection_probability: f64,
     /// The pairs of each keyframe.
     pub weights: Vec<Vec<Pair>>,
 }
@@ -64,14 +66,19 @@ impl Estimate {
             .zip(&self.poses)
             .filter(|(keyframe, _)| !keyframe.seen.is_empty())
             .map(|(keyframe, pose)| {
-                let table = table(model, *pose, &self.landmarks, &keyframe.seen, 1.0);
+                let table = table(model, *pose, &self.landmarks, &keyframe.seen, self.detection_probability, 1.0);
                 associate(&table, Policy::Hungarian).log_likelihood
             })
             .sum();
         let off = self.calibration - Vector3::from(Odometry::CALIBRATED);
         let prior = 0.5 * off.component_div(&Vector3::from(CALIBRATION_SIGMAS)).norm_squared();
-        let odometry: f64 = self
-            .poses
+        let odometry = self.odometry_cost(model, keyframes);
+        sets - odometry - prior - landmark_cost * self.landmarks.len() as f64
+    }
+
+    /// What the path costs by odometry \[nats\]: half the squared errors, in their variances.
+    pub fn odometry_cost(&self, model: &SensorModel<'_>, keyframes: &[Keyframe]) -> f64 {
+        self.poses
             .windows(2)
             .zip(keyframes.iter().skip(1))
             .map(|(pair, keyframe)| {
@@ -80,8 +87,7 @@ impl Estimate {
                 let variances = motion_variances(model.sensors.odometry.variances(&keyframe.motion));
                 0.5 * error.component_mul(&error).component_div(&variances).sum()
             })
-            .sum();
-        sets - odometry - prior - landmark_cost * self.landmarks.len() as f64
+            .sum()
     }
 
     /// Keeps the landmarks at these places, and their pairs.

@@ -134,14 +134,14 @@ impl Hypothesis {
             let (Some(prediction), Some(covariance)) = (&predictions[place], covariances[place]) else {
                 return f64::NEG_INFINITY;
             };
-            let noise = inflated(model, &seen[detection], prediction, covariance);
-            let class = model.class_log_likelihood(&self.landmarks[place].classes, seen[detection].class);
-            noise.map_or(f64::NEG_INFINITY, |(_, log)| log + class)
+            let fit =
+                Fit::new(model, &seen[detection], prediction, covariance).filter(|fit| fit.squared <= GATE * GATE);
+            fit.map_or(f64::NEG_INFINITY, |fit| {
+                fit.log_density + model.class_log_likelihood(&self.landmarks[place].classes, seen[detection].class)
+            })
         });
-        let assignments = best_assignments(&table, count);
-        let best = assignments.first().map_or(f64::NEG_INFINITY, |best| best.log_likelihood);
-        let likely = assignments.into_iter().filter(|other| other.log_likelihood >= best - BRANCH_MARGIN);
-        likely.filter_map(|assignment| self.branch(model, seen, log_new, assignment.landmarks)).collect()
+        let assignments = best_assignments(&table, count, BRANCH_MARGIN).into_iter();
+        assignments.filter_map(|assignment| self.branch(model, seen, log_new, assignment.landmarks)).collect()
     }
 
     fn branch(
@@ -192,7 +192,7 @@ impl Hypothesis {
             }
             let own = covariance.fixed_view::<2, 2>(2 * row, 2 * row).into_owned();
             let seen = &seen[*detection];
-            let (noise, _) = inflated(model, seen, prediction, own)?;
+            let Fit { noise, .. } = Fit::new(model, seen, prediction, own)?;
             covariance.fixed_view_mut::<2, 2>(2 * row, 2 * row).copy_from(&(own + Matrix2::from_diagonal(&noise)));
             innovation.fixed_rows_mut::<2>(2 * row).copy_from(&prediction.innovation(seen.range, seen.bearing));
         }
@@ -211,15 +211,14 @@ impl Hypothesis {
         cross
     }
 
-    /// Goes on by a branch: the filter's update, the classes, and the landmarks that are new. Returns the number of the
-    /// landmark of each detection.
-    pub fn follow(&mut self, model: &SensorModel<'_>, seen: &[Detection], branch: &Branch) -> Vec<usize> {
-        self.log_likelihood = branch.log_likelihood;
-        if let Some(Some(pairs)) = self.pairs(model, seen, &branch.landmarks) {
+    /// Goes on by an assignment: the filter's update, the classes, and the landmarks that are new. Returns the number of
+    /// the landmark of each detection.
+    pub fn follow(&mut self, model: &SensorModel<'_>, seen: &[Detection], landmarks: &[Option<usize>]) -> Vec<usize> {
+        if let Some(Some(pairs)) = self.pairs(model, seen, landmarks) {
             self.update(&pairs);
         }
         let mut ids = Vec::with_capacity(seen.len());
-        for (seen, place) in seen.iter().zip(&branch.landmarks) {
+        for (seen, place) in seen.iter().zip(landmarks) {
             let place = place.unwrap_or_else(|| self.add(model, seen));
             let landmark = &mut self.landmarks[place];
             landmark.sightings += 1;
@@ -294,23 +293,33 @@ fn derivative(prediction: &Prediction) -> SMatrix<f64, 2, 5> {
     derivative
 }
 
-/// The noise of a detection, and its log-density with it; none outside the gate. Beyond [`LOSS_SCALE`] standard deviations
-/// the noise grows with the square of the distance, so that an outlier does not pull.
-fn inflated(
-    model: &SensorModel<'_>,
-    seen: &Detection,
-    prediction: &Prediction,
-    predicted: Matrix2<f64>,
-) -> Option<(Vector2<f64>, f64)> {
-    let innovation = prediction.innovation(seen.range, seen.bearing);
-    let mut noise = model.variances(seen);
-    let distance = |covariance: Matrix2<f64>| Some((covariance.try_inverse()? * innovation).dot(&innovation));
-    let squared = distance(predicted + Matrix2::from_diagonal(&noise))?;
-    if squared > GATE * GATE {
-        return None;
+/// How well a detection fits a landmark.
+struct Fit {
+    /// The squared distance between the two \[standard deviations\].
+    squared: f64,
+    /// Variances of the detection. Beyond [`LOSS_SCALE`] standard deviations they grow with the square of the distance, so
+    /// that an outlier does not pull.
+    noise: Vector2<f64>,
+    /// Its log-density with this noise.
+    log_density: f64,
+}
+
+impl Fit {
+    /// `predicted` is the covariance of the prediction; no result where it is not positive.
+    fn new(
+        model: &SensorModel<'_>,
+        seen: &Detection,
+        prediction: &Prediction,
+        predicted: Matrix2<f64>,
+    ) -> Option<Self> {
+        let innovation = prediction.innovation(seen.range, seen.bearing);
+        let distance = |covariance: Matrix2<f64>| Some((covariance.try_inverse()? * innovation).dot(&innovation));
+        let mut noise = model.variances(seen);
+        let squared = distance(predicted + Matrix2::from_diagonal(&noise))?;
+        noise *= (squared / (LOSS_SCALE * LOSS_SCALE)).max(1.0);
+        let covariance = predicted + Matrix2::from_diagonal(&noise);
+        let log_density =
+            -0.5 * distance(covariance)? - 0.5 * covariance.determinant().ln() - std::f64::consts::TAU.ln();
+        Some(Self { squared, noise, log_density })
     }
-    noise *= (squared / (LOSS_SCALE * LOSS_SCALE)).max(1.0);
-    let covariance = predicted + Matrix2::from_diagonal(&noise);
-    let log = -0.5 * distance(covariance)? - 0.5 * covariance.determinant().ln() - std::f64::consts::TAU.ln();
-    Some((noise, log))
 }

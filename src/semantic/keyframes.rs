@@ -23,11 +23,13 @@ pub struct Keyframe {
 }
 
 /// Keyframes: the frames with detections in view that are at least `interval` \[s\] apart, and moments between them.
-pub fn keyframes(recording: &Recording, interval: f64) -> Vec<Keyframe> {
+/// Detections that are not `wanted`, by frame and number, are left out.
+pub fn keyframes(recording: &Recording, interval: f64, wanted: impl Fn(usize, usize) -> bool) -> Vec<Keyframe> {
     let view = recording.sensors.view;
     let mut keyframes: Vec<Keyframe> = Vec::new();
     for (number, frame) in recording.frames.iter().enumerate() {
-        let seen: Vec<_> = frame.in_view(view).map(|(number, seen)| (number, *seen)).collect();
+        let seen = frame.in_view(view).filter(|(detection, _)| wanted(number, *detection));
+        let seen: Vec<_> = seen.map(|(detection, seen)| (detection, *seen)).collect();
         let last = keyframes.last().map(|last| last.stamp);
         // Stamps are decimal fractions, whose differences are off by their rounding.
         if seen.is_empty() || last.is_some_and(|last| frame.stamp - last < interval - 1e-6) {

@@ -87,16 +87,9 @@ impl Problem {
     pub fn landmarks(&self) -> &[VariableId] {
         &self.landmarks
     }
-}
 
-/// One M step.
-pub fn m_step(
-    model: &SensorModel<'_>,
-    keyframes: &[Keyframe],
-    estimate: &mut Estimate,
-    tempering: f64,
-) -> Result<Problem, SemanticError> {
-    let mut problem = Problem::new(model, keyframes, estimate, tempering)?;
-    problem.solve(estimate)?;
-    Ok(problem)
+    /// The variables of the poses.
+    pub fn poses(&self) -> &[VariableId] {
+        &self.poses
+    }
 }

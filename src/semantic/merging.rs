@@ -2,11 +2,10 @@
 //!
 //! After a while without a landmark the forward pass may have mapped an object anew, beside its old self. Two landmarks of
 //! one class whose places do not differ, by their joint covariance, are taken for one. The objective verifies it, and where
-//! it falls, the merge is undone and half of the pairs are tried, those that are closest.
+//! it falls, the merge is undone. Landmarks of clutter are dropped in the same way.
 
 use super::estimate::Estimate;
-use super::m_step::Problem;
-use super::{Pass, SemanticError};
+use super::{Mapping, SemanticError};
 use nalgebra::{Matrix2, Vector2};
 
 /// 99.9 % of χ² with two degrees of freedom.
@@ -18,8 +17,10 @@ const FARTHEST: f64 = 1.5;
 /// Two landmarks that may be one, and how far they are apart.
 type Twins = (usize, usize, f64);
 
-/// Landmarks of one class that may be the same, the closest first; each landmark in one pair at most.
-pub fn twins(problem: &Problem, estimate: &Estimate) -> Result<Vec<Twins>, SemanticError> {
+/// Landmarks of one class that may be the same, where their places are uncertain by another `sigma` \[m\]: the closest first,
+/// each landmark in one pair at most.
+fn twins(mapping: &Mapping<'_>, estimate: &Estimate, sigma: f64) -> Result<Vec<Twins>, SemanticError> {
+    let problem = mapping.problem(estimate, 1.0)?;
     let covariances = problem.covariances()?;
     let landmarks = &estimate.landmarks;
     let mut all: Vec<Twins> = Vec::new();
@@ -32,7 +33,7 @@ pub fn twins(problem: &Problem, estimate: &Estimate) -> Result<Vec<Twins>, Seman
             let joint = covariances.joint(&[problem.landmarks()[a], problem.landmarks()[b]])?;
             let block = |row, column| -> Matrix2<f64> { joint.fixed_view::<2, 2>(row, column).into_owned() };
             let difference = block(0, 0) + block(2, 2) - block(0, 2) - block(2, 0);
-            let squared = squared_distance(apart, difference);
+            let squared = squared_distance(apart, difference + Matrix2::identity() * (sigma * sigma));
             if squared < GATE {
                 all.push((a, b, squared));
             }
@@ -63,27 +64,66 @@ fn merged(estimate: &Estimate, twins: &[Twins]) -> Estimate {
     merged
 }
 
-/// Merges as long as the objective rises.
-pub fn merge(pass: &Pass<'_>, mut best: Estimate, mut objective: f64) -> Result<(Estimate, f64), SemanticError> {
-    loop {
-        let problem = Problem::new(pass.model, pass.keyframes, &best, 1.0)?;
-        let mut twins = twins(&problem, &best)?;
-        let mut rose = false;
-        while !twins.is_empty() && !rose {
-            let mut trial = merged(&best, &twins);
-            // The first M step keeps the merged pairs as they are: it pulls both halves of the map together.
-            pass.maximise(&mut trial, 1.0)?;
-            pass.sweep(&mut trial, 1.0)?;
-            pass.sweep(&mut trial, 1.0)?;
-            let found = pass.objective(&trial);
-            if found > objective {
-                (best, objective, rose) = (trial, found, true);
-            } else {
-                twins.truncate(twins.len() / 2);
-            }
+/// Merges landmarks, and drops them, as long as the objective rises.
+pub fn merge(mapping: &Mapping<'_>, mut best: Estimate, mut objective: f64) -> Result<(Estimate, f64), SemanticError> {
+    while merge_all(mapping, &mut best, &mut objective)? {}
+    while merge_neighbours(mapping, &mut best, &mut objective)? {}
+    while drop_lightest(mapping, &mut best, &mut objective)? {}
+    Ok((best, objective))
+}
+
+/// Merges all landmarks that may be one by what the graph knows, or the closest half of them, or the closest half of those.
+fn merge_all(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut f64) -> Result<bool, SemanticError> {
+    let mut twins = twins(mapping, best, 0.0)?;
+    while !twins.is_empty() {
+        let mut trial = merged(best, &twins);
+        // The first M step keeps the merged pairs as they are: it pulls both halves of the map together.
+        mapping.maximise(&mut trial, 1.0)?;
+        mapping.sweep(&mut trial, 1.0)?;
+        if try_out(mapping, trial, best, objective)? {
+            return Ok(true);
         }
-        if !rose {
-            return Ok((best, objective));
+        twins.truncate(twins.len() / 2);
+    }
+    Ok(false)
+}
+
+/// Merges two landmarks that are no farther apart than one detection errs: errors of detections from one place are alike,
+/// and twins are farther apart than the graph believes. One at a time, for other objects may stand as near.
+fn merge_neighbours(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut f64) -> Result<bool, SemanticError> {
+    let noise = mapping.model.sensors.noise;
+    for pair in twins(mapping, best, noise.range.hypot(noise.position))? {
+        let trial = merged(best, &[pair]);
+        if try_out(mapping, trial, best, objective)? {
+            return Ok(true);
         }
     }
+    Ok(false)
+}
+
+/// Drops the lightest landmark: its detections may be clutter.
+fn drop_lightest(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut f64) -> Result<bool, SemanticError> {
+    let landmarks = best.landmarks.iter().enumerate();
+    let Some((lightest, _)) = landmarks.min_by(|(_, a), (_, b)| a.weight.total_cmp(&b.weight)) else {
+        return Ok(false);
+    };
+    let mut trial = best.clone();
+    trial.retain_landmarks(|place| place != lightest);
+    try_out(mapping, trial, best, objective)
+}
+
+/// Takes a trial, after one sweep more, if it is better.
+fn try_out(
+    mapping: &Mapping<'_>,
+    mut trial: Estimate,
+    best: &mut Estimate,
+    objective: &mut f64,
+) -> Result<bool, SemanticError> {
+    mapping.sweep(&mut trial, 1.0)?;
+    let found = mapping.objective(&trial);
+    let is_better = found > *objective;
+    if is_better {
+        (*best, *objective) = (trial, found);
+    }
+    Ok(is_better)
 }

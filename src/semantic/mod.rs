@@ -9,11 +9,12 @@
 //! - M step (eq. 6): x, l = arg min Σ w_kj ρ(detection k less landmark j as seen) + odometry.
 //!
 //! Here both go over all keyframes in each sweep, where the paper weighs a keyframe once; ρ is Cauchy's loss, and the
-//! odometry's calibration (forward scale, turn scale, curvature) is estimated with the path.
+//! odometry's calibration (forward scale, turn scale, curvature) is estimated with the path, and so is how often an object in
+//! view is detected: a map is wrong where its objects are in view and not seen.
 //!
 //! EM polishes and does not rescue: it needs a start in the right basin. That is found by a beam of hypotheses in a forward
-//! pass, run with several densities of new landmarks. The sweeps polish each run, landmarks mapped twice are merged, and the
-//! run of the highest objective is the result.
+//! pass, run with several densities of new landmarks. The sweeps polish each run, landmarks mapped twice are merged, clutter
+//! is dropped, and the run of the highest objective is the result.
 //!
 //! | File | Task |
 //! |---|---|
@@ -23,7 +24,9 @@
 //! | `hypothesis`, `beam` | the forward pass |
 //! | `estimate` | path, map, weights, and the objective |
 //! | `e_step`, `m_step` | the sweeps |
-//! | `merging` | landmarks mapped twice |
+//! | `merging` | landmarks mapped twice, and clutter |
+//! | `verdict` | whether to believe the map |
+//! | `progress` | how much is done |
 //!
 //! The world's origin is the pose at the first keyframe. Metres, radians, seconds; log-likelihoods in nats.
 
@@ -35,19 +38,27 @@ mod hypothesis;
 mod keyframes;
 mod m_step;
 mod merging;
+mod progress;
 mod sensor_model;
+mod verdict;
 
 pub use config::{NEW_DENSITIES, SemanticConfig};
 pub use estimate::Landmark;
+pub use verdict::Verdict;
 
 use crate::detections::Recording;
 use crate::factor_graph::GraphError;
-use crate::geometry::StampedPose;
+use crate::geometry::{Pose, StampedPose};
 use crate::parameters::ConfigError;
+use beam::Pass;
 use estimate::{Estimate, Pair};
 use keyframes::Keyframe;
-use nalgebra::Matrix2;
+use m_step::Problem;
+use nalgebra::{Matrix2, Matrix3};
+use progress::Progress;
+use rayon::prelude::*;
 use sensor_model::SensorModel;
+use std::collections::BTreeMap;
 
 /// Annealing: the first sweep multiplies the noise of detections by this, the last one by 1. Else landmarks that are alike
 /// would fix their weights before the path has settled.
@@ -63,7 +74,9 @@ pub enum SemanticError {
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// There is nothing to map.
-    #[error("no frame has a detection that its sensor can see, so there is nothing to map; see [view] in sensors.toml")]
+    #[error(
+        "no frame has a detection that its sensor can see, or whose object is known where ids are given, so there is nothing to map; see [view] in sensors.toml"
+    )]
     NothingSeen,
     /// The M step has no solution.
     #[error("the M step has no solution: {0}")]
@@ -94,96 +107,189 @@ pub struct RunScore {
     pub landmarks: usize,
 }
 
+/// A moment of the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mapped {
+    /// Seconds.
+    pub stamp: f64,
+    /// `world_from_robot`.
+    pub pose: Pose,
+    /// Covariance of the pose in its own frame: forward, sideways \[m\], turn \[rad\]; as seen from the first pose.
+    pub covariance: Matrix3<f64>,
+    /// Number of the frame in the recording; none where nothing was seen.
+    pub frame: Option<usize>,
+}
+
 /// A recording, mapped.
 #[derive(Clone, Debug)]
 pub struct SemanticMap {
-    /// `world_from_robot` at the keyframes.
-    pub trajectory: Vec<StampedPose>,
+    /// The moments whose pose was estimated.
+    pub keyframes: Vec<Mapped>,
     /// The map.
     pub landmarks: Vec<Landmark>,
     /// Weights of at least 0.02, frame by frame.
     pub weights: Vec<Weight>,
     /// Forward scale, turn scale, curvature \[rad/m\] of the odometry.
     pub calibration: [f64; 3],
+    /// How often a landmark in view is detected.
+    pub detection_probability: f64,
     /// The objective \[nats\].
     pub objective: f64,
-    /// All runs, in the order of [`NEW_DENSITIES`].
+    /// All runs, in the order of [`NEW_DENSITIES`]; none where the associations were known.
     pub runs: Vec<RunScore>,
     /// How many detections were used.
     pub detections: usize,
+    /// Whether the map can be believed.
+    pub verdict: Verdict,
 }
 
-/// Maps a recording.
+impl SemanticMap {
+    /// The path.
+    pub fn trajectory(&self) -> Vec<StampedPose> {
+        self.keyframes.iter().map(|&Mapped { stamp, pose, .. }| StampedPose { stamp, pose }).collect()
+    }
+}
+
+/// Which object each detection of each frame shows, where that is known.
+pub type Objects = [Vec<Option<u64>>];
+
+/// Maps a recording. `progress` is told the share that is done, 0 to 1.
 ///
 /// # Errors
 /// The configuration cannot be, nothing was seen, or a graph has no solution.
-pub fn map(recording: &Recording, config: &SemanticConfig) -> Result<SemanticMap, SemanticError> {
-    config.validate()?;
-    let model = &SensorModel::new(&recording.sensors);
-    let keyframes = &keyframes::keyframes(recording, config.interval)[..];
-    if keyframes.is_empty() {
-        return Err(SemanticError::NothingSeen);
-    }
-    let pass = Pass { model, keyframes, config };
-    let mut runs = Vec::new();
-    let mut best: Option<(Estimate, f64)> = None;
-    for new_density in NEW_DENSITIES {
-        let (estimate, objective) = pass.run(new_density)?;
-        runs.push(RunScore { new_density, objective, landmarks: estimate.landmarks.len() });
-        if best.as_ref().is_none_or(|(_, most)| objective > *most) {
-            best = Some((estimate, objective));
-        }
-    }
-    let (estimate, objective) = best.ok_or(SemanticError::NothingSeen)?;
-    pass.finish(estimate, objective, runs)
+pub fn map(
+    recording: &Recording,
+    config: &SemanticConfig,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<SemanticMap, SemanticError> {
+    Mapping::new(recording, config, None, progress)?.map()
+}
+
+/// Maps a recording whose associations are known: how good the rest can be at best. Detections of no object are left out.
+///
+/// # Errors
+/// Those of [`map`].
+pub fn map_known(
+    recording: &Recording,
+    objects: &Objects,
+    config: &SemanticConfig,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<SemanticMap, SemanticError> {
+    Mapping::new(recording, config, Some(objects), progress)?.map_known(objects)
 }
 
 /// A recording under way.
-struct Pass<'a> {
-    model: &'a SensorModel<'a>,
-    keyframes: &'a [Keyframe],
+struct Mapping<'a> {
+    model: SensorModel<'a>,
+    keyframes: Vec<Keyframe>,
     config: &'a SemanticConfig,
+    progress: Progress<'a>,
 }
 
-impl Pass<'_> {
+fn object(objects: &Objects, frame: usize, detection: usize) -> Option<u64> {
+    objects.get(frame)?.get(detection).copied().flatten()
+}
+
+impl<'a> Mapping<'a> {
+    fn new(
+        recording: &'a Recording,
+        config: &'a SemanticConfig,
+        objects: Option<&Objects>,
+        progress: &'a (dyn Fn(f64) + Sync),
+    ) -> Result<Self, SemanticError> {
+        config.validate()?;
+        let is_wanted = |frame, detection| objects.is_none_or(|objects| object(objects, frame, detection).is_some());
+        let keyframes = keyframes::keyframes(recording, config.interval, is_wanted);
+        if keyframes.is_empty() {
+            return Err(SemanticError::NothingSeen);
+        }
+        let progress = Progress::new(progress, NEW_DENSITIES.len() * (keyframes.len() + config.sweeps));
+        Ok(Self { model: SensorModel::new(recording), keyframes, config, progress })
+    }
+
+    /// One run for each density of new landmarks; the objective chooses.
+    fn map(&self) -> Result<SemanticMap, SemanticError> {
+        let found: Vec<_> = NEW_DENSITIES.par_iter().map(|density| self.run(*density)).collect();
+        let found: Vec<(Estimate, f64)> = found.into_iter().collect::<Result<_, _>>()?;
+        let score = |(new_density, (estimate, objective)): (f64, &(Estimate, f64))| RunScore {
+            new_density,
+            objective: *objective,
+            landmarks: estimate.landmarks.len(),
+        };
+        let runs = NEW_DENSITIES.into_iter().zip(&found).map(score).collect();
+        // Of equal ones the first.
+        let (best, objective) =
+            found.iter().rev().max_by(|a, b| a.1.total_cmp(&b.1)).ok_or(SemanticError::NothingSeen)?;
+        let others: Vec<&Estimate> =
+            found.iter().map(|(estimate, _)| estimate).filter(|other| !std::ptr::eq(*other, best)).collect();
+        self.finish(best, *objective, runs, &others)
+    }
+
+    /// The M step alone, under weights that are known.
+    fn map_known(&self, objects: &Objects) -> Result<SemanticMap, SemanticError> {
+        let object = |frame, detection| object(objects, frame, detection);
+        let mut estimate = self.start(beam::forward_known(&self.model, &self.keyframes, object));
+        for tempering in self.temperings() {
+            self.maximise(&mut estimate, tempering)?;
+        }
+        self.progress.finish();
+        estimate.detection_probability = e_step::detection_probability(&self.model, &self.keyframes, &estimate);
+        let objective = self.objective(&estimate);
+        self.finish(&estimate, objective, Vec::new(), &[])
+    }
+
     /// Forward pass, sweeps and merging: an estimate and its objective.
     fn run(&self, new_density: f64) -> Result<(Estimate, f64), SemanticError> {
-        let mut estimate = self.start(new_density);
+        let log_new = self.model.log_density_of_any_label(new_density);
+        let (beam, branches) = (self.config.beam, self.config.branches);
+        let pass = beam::forward(&self.model, &self.keyframes, log_new, beam, branches, &self.progress);
+        let mut estimate = self.start(pass);
         self.maximise(&mut estimate, FIRST_TEMPERING)?;
-        for sweep in 0..self.config.sweeps {
-            let share = (sweep + 1) as f64 / self.config.sweeps as f64;
-            self.sweep(&mut estimate, FIRST_TEMPERING.powf(1.0 - share))?;
+        for tempering in self.temperings() {
+            self.sweep(&mut estimate, tempering)?;
+            self.progress.advance();
         }
         let objective = self.objective(&estimate);
         merging::merge(self, estimate, objective)
     }
 
-    /// The best hypothesis of the forward pass.
-    fn start(&self, new_density: f64) -> Estimate {
-        let (model, config) = (self.model, self.config);
-        let log_new = model.log_density_of_any_label(new_density);
-        let pass = beam::forward(model, self.keyframes, log_new, config.beam, config.branches);
-        let tracked = &pass.last.landmarks;
-        let landmarks = tracked.iter().map(|tracked| Landmark {
-            position: tracked.position,
+    /// Tempering of each sweep, the last one 1.
+    fn temperings(&self) -> impl Iterator<Item = f64> {
+        let sweeps = self.config.sweeps;
+        (1..=sweeps).map(move |sweep| FIRST_TEMPERING.powf(1.0 - sweep as f64 / sweeps as f64))
+    }
+
+    /// The estimate that a forward pass leads to.
+    fn start(&self, pass: Pass) -> Estimate {
+        let landmark = |position: &_| Landmark {
+            position: *position,
             covariance: Matrix2::zeros(),
-            classes: tracked.classes.clone(),
-            weight: tracked.sightings as f64,
-        });
-        let weigh = |ids: &Vec<usize>| {
-            let places = ids.iter().enumerate().filter_map(|(detection, id)| {
-                let landmark = tracked.iter().position(|tracked| tracked.id == *id)?;
-                Some(Pair { detection, landmark, weight: 1.0 })
-            });
-            places.collect()
+            classes: Vec::new(),
+            weight: 0.0,
         };
-        let weights = pass.assignments.iter().map(weigh).collect();
-        Estimate { poses: pass.poses, calibration: pass.last.calibration, landmarks: landmarks.collect(), weights }
+        let places: BTreeMap<usize, usize> =
+            pass.landmarks.keys().enumerate().map(|(place, number)| (*number, place)).collect();
+        let pairs = |numbers: &Vec<usize>| {
+            let shown = numbers.iter().enumerate();
+            let pair = |(detection, number)| {
+                places.get(number).map(|landmark| Pair { detection, landmark: *landmark, weight: 1.0 })
+            };
+            shown.filter_map(pair).collect()
+        };
+        let mut estimate = Estimate {
+            landmarks: pass.landmarks.values().map(landmark).collect(),
+            weights: pass.assignments.iter().map(pairs).collect(),
+            poses: pass.poses,
+            calibration: pass.calibration,
+            detection_probability: self.model.sensors.detector.detection_probability,
+        };
+        e_step::class_posteriors(&self.model, &self.keyframes, &mut estimate);
+        estimate
     }
 
     /// One E step and one M step.
     fn sweep(&self, estimate: &mut Estimate, tempering: f64) -> Result<(), SemanticError> {
-        e_step::e_step(self.model, self.keyframes, estimate, self.config.association, tempering);
+        e_step::e_step(&self.model, &self.keyframes, estimate, self.config.association, tempering);
         let light: Vec<bool> =
             estimate.landmarks.iter().map(|landmark| landmark.weight < MIN_LANDMARK_WEIGHT).collect();
         estimate.retain_landmarks(|place| !light[place]);
@@ -192,23 +298,29 @@ impl Pass<'_> {
 
     /// One M step.
     fn maximise(&self, estimate: &mut Estimate, tempering: f64) -> Result<(), SemanticError> {
-        m_step::m_step(self.model, self.keyframes, estimate, tempering).map(|_| ())
+        self.problem(estimate, tempering)?.solve(estimate)
+    }
+
+    fn problem(&self, estimate: &Estimate, tempering: f64) -> Result<Problem, SemanticError> {
+        Problem::new(&self.model, &self.keyframes, estimate, tempering)
     }
 
     fn objective(&self, estimate: &Estimate) -> f64 {
-        estimate.objective(self.model, self.keyframes, self.config.landmark_cost)
+        estimate.objective(&self.model, &self.keyframes, self.config.landmark_cost)
     }
 
-    /// The estimate as a result, with covariances.
+    /// The estimate as a result, with covariances; `others` are those of the other runs.
     fn finish(
         &self,
-        mut estimate: Estimate,
+        estimate: &Estimate,
         objective: f64,
         runs: Vec<RunScore>,
+        others: &[&Estimate],
     ) -> Result<SemanticMap, SemanticError> {
-        let problem = m_step::m_step(self.model, self.keyframes, &mut estimate, 1.0)?;
+        let problem = self.problem(estimate, 1.0)?;
         let covariances = problem.covariances()?;
-        for (landmark, id) in estimate.landmarks.iter_mut().zip(problem.landmarks()) {
+        let mut landmarks = estimate.landmarks.clone();
+        for (landmark, id) in landmarks.iter_mut().zip(problem.landmarks()) {
             landmark.covariance.copy_from(&covariances.block(*id)?);
         }
         let mut weights = Vec::new();
@@ -221,15 +333,33 @@ impl Pass<'_> {
                 weight: pair.weight,
             }));
         }
-        let stamped = |(keyframe, pose): (&Keyframe, &_)| StampedPose { stamp: keyframe.stamp, pose: *pose };
+        let mut keyframes = Vec::with_capacity(self.keyframes.len());
+        for ((keyframe, pose), id) in self.keyframes.iter().zip(&estimate.poses).zip(problem.poses()) {
+            let mut covariance = Matrix3::zeros();
+            covariance.copy_from(&covariances.block(*id)?);
+            keyframes.push(Mapped { stamp: keyframe.stamp, pose: *pose, covariance, frame: keyframe.frame });
+        }
+        let agreeing = others.iter().filter(|other| is_same_path(&keyframes, &other.poses)).count();
+        let agreeing = (!others.is_empty()).then_some(agreeing);
         Ok(SemanticMap {
-            trajectory: self.keyframes.iter().zip(&estimate.poses).map(stamped).collect(),
-            landmarks: estimate.landmarks,
+            verdict: Verdict::new(&self.model, &self.keyframes, estimate, agreeing),
+            keyframes,
+            landmarks,
             weights,
             calibration: estimate.calibration.into(),
+            detection_probability: estimate.detection_probability,
             objective,
             runs,
             detections: self.keyframes.iter().map(|keyframe| keyframe.seen.len()).sum(),
         })
     }
+}
+
+/// Whether each position of a path is within three standard deviations of where it was mapped.
+fn is_same_path(mapped: &[Mapped], poses: &[Pose]) -> bool {
+    mapped.iter().zip(poses).all(|(mapped, pose)| {
+        let apart = pose.position() - mapped.pose.position();
+        let position: Matrix2<f64> = mapped.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+        apart.norm_squared() <= 9.0 * position.symmetric_eigenvalues().max().max(1e-6)
+    })
 }

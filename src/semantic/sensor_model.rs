@@ -1,10 +1,11 @@
 //! What a detection and a motion say, as densities.
 
 use crate::association::class_log_likelihood;
-use crate::detections::{Detection, Sensors};
+use crate::detections::{Detection, Recording, Sensors, View};
 use crate::factor_graph::{Prediction, RangeBearing};
 use crate::geometry::Pose;
 use nalgebra::{DMatrix, Point2, Vector2, Vector3};
+use std::f64::consts::{PI, TAU};
 
 /// Scale c of the loss ½ c² ln(1 + d²/c²), in standard deviations: real detections have gross outliers, and beyond three
 /// standard deviations a normal error is not to be expected in a few hundred.
@@ -14,6 +15,10 @@ const MIN_CONFUSION: f64 = 1e-3;
 /// Standard deviations of the calibration before anything was seen: forward scale, turn scale, curvature \[rad/m\].
 /// Wheels and tracks that were never measured are off by about a tenth, and pull to one side by a few degrees a metre.
 pub const CALIBRATION_SIGMAS: [f64; 3] = [0.1, 0.1, 0.05];
+/// An object is in view for certain this far from the edges of the view \[standard deviations\].
+const INSIDE: f64 = 3.0;
+/// A sensor looks ahead, and not all round, if it saw nothing in so wide a sector to each side of straight behind \[rad\].
+const OPEN: f64 = 0.5;
 /// No motion is known better than this \[m, rad\].
 const MIN_MOTION_SIGMA: f64 = 1e-4;
 
@@ -22,18 +27,20 @@ const MIN_MOTION_SIGMA: f64 = 1e-4;
 pub struct SensorModel<'a> {
     /// As they are described.
     pub sensors: &'a Sensors,
+    view: View,
     confusion: DMatrix<f64>,
 }
 
 impl<'a> SensorModel<'a> {
-    /// The model of these sensors.
-    pub fn new(sensors: &'a Sensors) -> Self {
+    /// The model of a recording's sensors.
+    pub fn new(recording: &'a Recording) -> Self {
+        let sensors = &recording.sensors;
         let count = sensors.classes.len();
         let entry = |class: usize, label: usize| {
             let row = sensors.confusion.get(class);
             row.and_then(|row| row.get(label)).map_or(MIN_CONFUSION, |share| share.max(MIN_CONFUSION))
         };
-        Self { sensors, confusion: DMatrix::from_fn(count, count, entry) }
+        Self { sensors, view: closed_view(recording), confusion: DMatrix::from_fn(count, count, entry) }
     }
 
     /// How many classes there are.
@@ -68,10 +75,19 @@ impl<'a> SensorModel<'a> {
         (prediction.mean.x >= 1e-6).then_some(prediction)
     }
 
+    /// Whether an object that is predicted there would be in view for certain.
+    pub fn is_in_view(&self, prediction: &Prediction) -> bool {
+        let View { min_range, max_range, min_bearing, max_bearing } = self.view;
+        let (range, bearing) = (prediction.mean.x, prediction.mean.y);
+        let [range_sigma, bearing_sigma] = self.sensors.noise.at(range).map(|sigma| INSIDE * sigma);
+        let sees_all_round = max_bearing - min_bearing >= TAU - 1e-9;
+        let bearings = min_bearing + bearing_sigma..=max_bearing - bearing_sigma;
+        (min_range..=max_range - range_sigma).contains(&range) && (sees_all_round || bearings.contains(&bearing))
+    }
+
     /// Where the object of a detection is.
     pub fn position(&self, world_from_robot: Pose, seen: &Detection) -> Point2<f64> {
-        let (sin, cos) = seen.bearing.sin_cos();
-        world_from_robot * (self.sensors.robot_from_sensor * Point2::new(seen.range * cos, seen.range * sin))
+        world_from_robot * (self.sensors.robot_from_sensor * seen.position())
     }
 
     /// The log-density of a detection at a squared distance d² \[standard deviations\] from where its landmark is seen.
@@ -81,9 +97,26 @@ impl<'a> SensorModel<'a> {
     pub fn log_density(&self, innovation: Vector2<f64>, variances: Vector2<f64>, tempering: f64) -> f64 {
         let squared = innovation.component_mul(&innovation).component_div(&variances).sum() / (tempering * tempering);
         let c2 = LOSS_SCALE * LOSS_SCALE;
-        let area = std::f64::consts::TAU * (variances.x * variances.y).sqrt() * tempering * tempering;
+        let area = TAU * (variances.x * variances.y).sqrt() * tempering * tempering;
         (1.0 - 2.0 / c2).ln() - area.ln() - 0.5 * c2 * (squared / c2).ln_1p()
     }
+}
+
+/// What the sensor sees by its description. Where that leaves the farthest range or the bearings open, as it does by default,
+/// nothing was seen beyond the outermost detections.
+fn closed_view(recording: &Recording) -> View {
+    let mut view = recording.sensors.view;
+    let seen = || recording.frames.iter().flat_map(|frame| frame.in_view(recording.sensors.view)).map(|(_, seen)| seen);
+    if view.max_range == f64::INFINITY {
+        view.max_range = seen().map(|seen| seen.range).fold(0.0, f64::max);
+    }
+    if view.min_bearing <= -PI && view.max_bearing >= PI {
+        let most = seen().map(|seen| seen.bearing.abs()).fold(0.0, f64::max);
+        if most < PI - OPEN {
+            (view.min_bearing, view.max_bearing) = (-most, most);
+        }
+    }
+    view
 }
 
 /// The noise of a motion (forward \[m\], sideways \[m\], turn \[rad\]), as variances.

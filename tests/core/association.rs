@@ -292,7 +292,7 @@ fn the_best_assignments_are_those_of_the_sorted_list() {
         let expected = enumerate(&table);
         let every: HashSet<_> = expected.iter().map(|assignment| &assignment.landmarks).collect();
         for count in [0, 1, 6, 40] {
-            let found = best_assignments(&table, count);
+            let found = best_assignments(&table, count, f64::INFINITY);
             assert_eq!(found.len(), count.min(expected.len()), "{what}");
             for (number, (found, expected)) in found.iter().zip(&expected).enumerate() {
                 assert_eq!(found.log_likelihood, expected.log_likelihood, "{what}: number {number} of {count}");
@@ -301,6 +301,9 @@ fn the_best_assignments_are_those_of_the_sorted_list() {
             let distinct = found.iter().enumerate().all(|(i, a)| found[..i].iter().all(|b| a.landmarks != b.landmarks));
             assert!(distinct, "{what}: one assignment twice");
         }
+        let Some(best) = expected.first() else { continue };
+        let likely = expected.iter().filter(|other| other.log_likelihood >= best.log_likelihood - 1.5).count();
+        assert_eq!(best_assignments(&table, 40, 1.5).len(), likely.min(40), "{what}: within 1.5 nats");
     }
 }
 
@@ -308,10 +311,10 @@ fn the_best_assignments_are_those_of_the_sorted_list() {
 fn ties_are_broken_the_same_way_every_time() {
     let table = Table::new(vec![0.0; 3], 3, |_, _| 0.0);
     // One more than there are: a list that does not end must not take all memory.
-    let all = best_assignments(&table, 35);
+    let all = best_assignments(&table, 35, f64::INFINITY);
     assert_eq!(all, enumerate(&table));
     assert_eq!(all.len(), 34);
-    assert_eq!(best_assignments(&table, 5), best_assignments(&table, 5));
+    assert_eq!(best_assignments(&table, 5, f64::INFINITY), best_assignments(&table, 5, f64::INFINITY));
 }
 
 /// The log-probabilities of all assignments sum to one.
@@ -320,7 +323,8 @@ fn assignments_have_probabilities() {
     let table = table(Kind::Moderate, 4, 4, SEED).with_missed(|_| Some(0.8));
     let sum = associate(&table, Policy::Soft).log_likelihood;
     let count = enumerate(&table).len() + 1;
-    let probabilities = best_assignments(&table, count).into_iter().map(|best| (best.log_likelihood - sum).exp());
+    let probabilities =
+        best_assignments(&table, count, f64::INFINITY).into_iter().map(|best| (best.log_likelihood - sum).exp());
     let total: f64 = probabilities.sum();
     assert!((total - 1.0).abs() < TOLERANCE, "seed {SEED}: {total}");
 }
@@ -354,7 +358,7 @@ fn what_is_no_number_is_gated_out() {
         let impossible = associate(&Table::new(vec![f64::NAN], 0, |_, _| 0.0), policy);
         assert_eq!((impossible.nulls, impossible.log_likelihood), (vec![1.0], NONE), "{policy:?}");
     }
-    assert_eq!(best_assignments(&Table::new(vec![NONE], 0, |_, _| 0.0), 3), []);
+    assert_eq!(best_assignments(&Table::new(vec![NONE], 0, |_, _| 0.0), 3, f64::INFINITY), []);
 }
 
 #[test]
@@ -367,7 +371,7 @@ fn nothing_seen_is_certain() {
             assert_eq!((found.nulls.len(), found.pairs.shape()), (0, (0, landmarks)), "{policy:?}");
             assert!((found.log_likelihood - constant).abs() < TOLERANCE, "{policy:?}: {}", found.log_likelihood);
         }
-        assert_eq!(best_assignments(&table, 2).len(), 1);
+        assert_eq!(best_assignments(&table, 2, f64::INFINITY).len(), 1);
     }
 }
 

@@ -1,12 +1,14 @@
 //! Pictures are read back as a viewer would: the SVG as XML, the PNG as pixels, and lengths by the scale bar.
 
+use ipslam::detections::{Detection, Frame, Odometry, Recording, Sensors};
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::map::LineMap;
-use ipslam::picture::{Figures, Line, Picture, PointRaster, View, svg_to_png};
+use ipslam::picture::{Figures, Line, Picture, PointRaster, View, object_map, svg_to_png};
 use ipslam::ppca::Cluster;
 use ipslam::report::{Estimate, RunResult};
 use ipslam::scan::Scan;
-use nalgebra::{Point2, Vector2};
+use ipslam::semantic::{Landmark, Mapped, SemanticMap, Verdict, Weight};
+use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 use resvg::tiny_skia::Pixmap;
 use resvg::usvg::roxmltree::{Document, Node};
 
@@ -326,4 +328,95 @@ fn reprojected_points_lie_on_their_cluster() {
     };
     let (noisy, projected) = (dark("figure4c_points.png"), dark("figure4d_reprojected.png"));
     assert!(projected >= 1 && noisy >= projected + 2, "{noisy} rows of ink became {projected}");
+}
+
+/// A robot at (1, 0) that looks ahead and sees two doors and a chair; one door is clutter, and the other door's landmark is
+/// known to 20 cm along x and to 10 cm along y.
+fn objects() -> (Recording, SemanticMap) {
+    let sensors = Sensors::new(["chair", "door"].map(str::to_owned).to_vec(), 0.9);
+    let seen = |class, range, bearing| Detection { class, score: 1.0, range, bearing };
+    let detections = vec![seen(1, 3.0, 0.0), seen(1, 2.0, 1.0), seen(0, 2.0, -1.0)];
+    let recording = Recording {
+        sensors,
+        odometry: Odometry::Velocities(Vec::new()),
+        frames: vec![Frame { stamp: 0.0, detections }],
+    };
+    let landmark = |x, y, [xx, yy]: [f64; 2], classes: [f64; 2]| Landmark {
+        position: Point2::new(x, y),
+        covariance: Matrix2::new(xx, 0.0, 0.0, yy),
+        classes: classes.to_vec(),
+        weight: 1.0,
+    };
+    let keyframe = |x, frame| Mapped { stamp: x, pose: Pose::new(x, 0.0, 0.0), covariance: Matrix3::zeros(), frame };
+    let weight = |detection, landmark, weight| Weight { frame: 0, detection, landmark, weight };
+    let evidence = Verdict {
+        explained: 1.0,
+        unseen: None,
+        detection_error: 1.0,
+        odometry_error: 1.0,
+        calibration: 0.0,
+        agreeing_runs: None,
+    };
+    let map = SemanticMap {
+        keyframes: vec![keyframe(1.0, Some(0)), keyframe(6.0, None)],
+        landmarks: vec![landmark(4.0, 0.5, [0.04, 0.01], [0.1, 0.9]), landmark(2.0, -1.7, [0.01; 2], [0.8, 0.2])],
+        weights: vec![weight(0, 0, 0.9), weight(2, 1, 1.0)],
+        calibration: [1.0, 1.0, 0.0],
+        detection_probability: 0.9,
+        objective: 0.0,
+        runs: Vec::new(),
+        detections: 3,
+        verdict: evidence,
+    };
+    (recording, map)
+}
+
+#[test]
+fn a_map_of_objects_shows_classes_uncertainty_and_weights() {
+    let (recording, map) = objects();
+    let files = object_map("<hall>", &recording, &map, &[]).unwrap();
+    assert_eq!(files.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["map.svg", "map.png"]);
+    let svg = std::str::from_utf8(&files[0].1).unwrap();
+    let (document, scale) = (Document::parse(svg).unwrap(), pixels_per_metre(svg));
+    let number = |node: &Node<'_, '_>, name| node.attribute(name).unwrap().parse::<f64>().unwrap();
+    let in_landmarks = |tag| node(&document, "landmarks").descendants().filter(move |n| n.has_tag_name(tag));
+    let ellipses: Vec<_> = in_landmarks("ellipse").collect();
+    let markers: Vec<_> = in_landmarks("circle").collect();
+    assert_eq!((ellipses.len(), markers.len()), (2, 2));
+    // A normal error of the plane is within 2.448 standard deviations with 95 %.
+    let turn = numbers(ellipses[0].attribute("transform").unwrap())[0].to_radians();
+    let (rx, ry) = (number(&ellipses[0], "rx"), number(&ellipses[0], "ry"));
+    let along_x = (rx * turn.cos()).hypot(ry * turn.sin()) / scale;
+    assert!((along_x - 2.448 * 0.2).abs() < 0.001 && (rx * ry / scale / scale - 2.448f64.powi(2) * 0.02).abs() < 0.001);
+    // Landmarks are where they are, and of the colour of their class.
+    let apart = (number(&markers[0], "cx") - number(&markers[1], "cx")) / scale;
+    assert!((apart - 2.0).abs() < 0.01, "{apart} m");
+    let colours: Vec<_> = markers.iter().map(|marker| marker.attribute("fill").unwrap()).collect();
+    assert_ne!(colours[0], colours[1]);
+    // Three detections; two of them have a line to their landmark.
+    let paths = |id| node(&document, id).descendants().filter_map(|n| n.attribute("d")).collect::<String>();
+    assert_eq!((paths("detections").matches('M').count(), paths("weights").matches('L').count()), (3, 2));
+    // The detection of the door lies half a metre below its landmark.
+    let door = paths("weights");
+    let line = door.split('M').map(numbers).find(|line| line.len() == 4 && (line[0] - line[2]).abs() < 0.2).unwrap();
+    assert!(((line[1] - line[3]) / scale - 0.5).abs() < 0.01, "{line:?}");
+    for text in ["&lt;hall&gt;", "2 objects from 3 detections; path 5 m", "chair (1)", "door (1)"] {
+        assert!(svg.contains(text), "{text}");
+    }
+    let pixmap = Pixmap::decode_png(&files[1].1).unwrap();
+    assert_eq!(pixmap.width().max(pixmap.height()), 1600);
+}
+
+#[test]
+fn strange_objects_make_a_legal_picture() {
+    let (recording, mut map) = objects();
+    map.landmarks[0].position.x = f64::NAN;
+    map.landmarks[1].covariance = Matrix2::repeat(f64::INFINITY);
+    map.weights[1].landmark = 7;
+    let files = object_map("", &recording, &map, &[]).unwrap();
+    let svg = std::str::from_utf8(&files[0].1).unwrap();
+    let document = Document::parse(svg).unwrap();
+    assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+    let landmarks = node(&document, "landmarks").descendants();
+    assert_eq!(landmarks.filter(|n| n.has_tag_name("circle") || n.has_tag_name("ellipse")).count(), 1);
 }

@@ -454,6 +454,63 @@ fn options_that_cannot_be_are_told() {
     assert!((seen.range - 5.0).abs() < 1e-12, "{seen:?}");
 }
 
+/// A robot stands still, and sees a door and a chair in each of twelve frames.
+fn a_recording_is_mapped_to_files() {
+    let rows = (0..12).map(|frame| format!("{frame},door,,3,0.2\n{frame},\"chair, old\",,4,-0.3\n"));
+    let detections = format!("t,class,score,range,bearing\n{}", rows.collect::<String>());
+    let sensors = b"classes = ['door', 'chair, old']\n";
+    let folder = folder(&[
+        ("sensors.toml", sensors),
+        ("detections.csv", detections.as_bytes()),
+        ("odometry.csv", b"t,v,omega\n0,0,0\n"),
+    ]);
+    let rows = (0..12).map(|frame| format!("{frame},0,7\n{frame},1,\n"));
+    std::fs::write(folder.path().join("some-ids.csv"), format!("t,number,id\n{}", rows.collect::<String>())).unwrap();
+    std::fs::write(folder.path().join("no-ids.csv"), "t,number,id\n").unwrap();
+    let ipslam = |out: &str, words: &[&str]| {
+        let mut command = Command::new(cargo_bin("ipslam"));
+        command.current_dir(folder.path()).args(["semantic", ".", "--out", out]).args(words).output().unwrap()
+    };
+    let done = ipslam("out", &[]);
+    let said = String::from_utf8(done.stdout).unwrap();
+    assert!(done.status.success() && said.starts_with("2 landmarks from 24 detections in 12 keyframes"), "{said}");
+    let out = folder.path().join("out");
+    let names = [
+        "covariances.csv",
+        "landmarks.csv",
+        "landmarks.json",
+        "map.png",
+        "map.svg",
+        "summary.json",
+        "trajectory.tum",
+        "weights.csv",
+    ];
+    assert_eq!(read_names(&out), names);
+    let text = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
+    let table = text("landmarks.csv");
+    assert!(
+        table.starts_with("landmark,class,x,y,xx,xy,yy,weight\n") && table.contains(",\"chair, old\",3.82134"),
+        "{table}"
+    );
+    assert_eq!(
+        (table.lines().count(), text("weights.csv").lines().count(), text("covariances.csv").lines().count()),
+        (3, 25, 13)
+    );
+    let summary: serde_json::Value = serde_json::from_str(&text("summary.json")).unwrap();
+    assert_eq!(
+        (&summary["verdict"], summary["doubts"].as_array().map(Vec::len)),
+        (&"consistent".into(), Some(0)),
+        "{summary}"
+    );
+
+    let done = ipslam("known", &["--known-ids", "some-ids.csv"]);
+    let said = String::from_utf8(done.stdout).unwrap();
+    assert!(done.status.success() && said.starts_with("1 landmarks from 12 detections in 12 keyframes"), "{said}");
+    let done = ipslam("nothing", &["--known-ids", "no-ids.csv"]);
+    let said = String::from_utf8(done.stderr).unwrap();
+    assert!(done.status.code() == Some(1) && said.contains("whose object is known"), "{said}");
+}
+
 fn read_names(folder: &Path) -> Vec<String> {
     let mut names: Vec<_> =
         folder.read_dir().unwrap().map(|file| file.unwrap().file_name().into_string().unwrap()).collect();
@@ -467,7 +524,7 @@ crate::needs::trials! {
         a_folder_is_read, what_is_written_is_read_back, other_programs_write_tables_in_other_ways,
         what_is_odd_is_told_and_counted, bad_input_is_told_with_file_line_and_remedy,
         what_is_no_recording_is_told_with_what_is, the_truth_is_beside_the_recording,
-        mrclam_is_read_as_it_was_published, options_that_cannot_be_are_told,
+        mrclam_is_read_as_it_was_published, options_that_cannot_be_are_told, a_recording_is_mapped_to_files,
     }
     Data { mrclam_is_converted, lost_in_woods_is_converted, dlr_is_converted, victoria_park_is_converted }
 }

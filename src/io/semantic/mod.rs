@@ -10,6 +10,7 @@ use std::path::Path;
 
 mod detections;
 mod odometry;
+pub mod results;
 mod sensors;
 pub mod truth;
 

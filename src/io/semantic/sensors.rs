@@ -3,11 +3,11 @@
 use super::invalid;
 use crate::detections::{DetectionKind, DetectionNoise, Detector, OdometryNoise, Sensors, View};
 use crate::geometry::Pose;
+use crate::io::{TextError, read_text};
 use crate::log::LogError;
 use crate::parameters::{ConfigError, check};
 use serde::{Deserialize, Serialize};
-use std::fs::File;
-use std::io::{Read as _, Write};
+use std::io::Write;
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
@@ -51,15 +51,11 @@ struct Mounting {
 
 pub(super) fn read(path: &Path) -> Result<Sensors, LogError> {
     let not_this_format = |reason| LogError::NotThisFormat { path: path.to_owned(), reason, expected: EXPECTED };
-    let mut bytes = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(MAX_LENGTH + 1).read_to_end(&mut bytes))
-        .map_err(|source| LogError::Open { path: path.to_owned(), source })?;
-    if bytes.len() as u64 > MAX_LENGTH {
-        return Err(not_this_format(format!("it has more than {MAX_LENGTH} bytes")));
-    }
-    let text = std::str::from_utf8(&bytes)
-        .map_err(|error| not_this_format(format!("byte {} is no UTF-8", error.valid_up_to())))?;
+    let text = read_text(path, MAX_LENGTH).map_err(|error| match error {
+        TextError::Read(source) => LogError::Open { path: path.to_owned(), source },
+        other => not_this_format(other.to_string()),
+    })?;
+    let text = text.as_str();
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let line_error = |line, reason| LogError::Line { path: path.to_owned(), line, reason };
     let file: SensorsFile = toml::from_str(text).map_err(|error| {

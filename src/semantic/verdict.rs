@@ -1,0 +1,160 @@
+//! Whether a map can be believed, from what is known without the truth.
+//!
+//! A map of the wrong turn fits its detections nearly as well as the right one. It shows by what is not there: where a robot
+//! comes back to a place and maps it anew, the objects of the first map are in view, and none of them is seen.
+
+use super::estimate::Estimate;
+use super::keyframes::Keyframe;
+use super::sensor_model::{CALIBRATION_SIGMAS, SensorModel};
+use crate::factor_graph::Odometry;
+use nalgebra::Vector3;
+use serde::Serialize;
+
+/// An object was in view for long where so many detections of it were to be expected: e⁻⁵, less than a hundredth, is the
+/// probability of none.
+const LONG_VISIT: f64 = 5.0;
+
+/// A map is doubted where less than this share of the detections shows its objects.
+const LEAST_EXPLAINED: f64 = 0.8;
+/// A map is doubted where its objects are not seen in more than this share of the time of long visits. Chance alone would
+/// leave them unseen in a hundredth; what stands in front of them accounts for some more.
+const MOST_UNSEEN: f64 = 0.1;
+/// Errors are doubted whose square is more than this many times what the sensors' description leads to expect.
+const MOST_ERROR: f64 = 2.0;
+/// A calibration is doubted that is more unlikely than 0.3 % \[standard deviations\].
+const MOST_CALIBRATION: f64 = 3.0;
+
+/// What speaks for a map, and against it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Verdict {
+    /// Share of the detections that show an object of the map rather than clutter.
+    pub explained: f64,
+    /// Of the time that objects were in view for long, the share in which they were not seen at all; none where no object
+    /// was in view for long.
+    pub unseen: Option<f64>,
+    /// Mean squared error of the detections per number, in their variances; errors of more than three standard deviations
+    /// count as three. 0.9 would be expected where they are normal.
+    pub detection_error: f64,
+    /// Mean squared error of the odometry per number, in its variances, after calibration. At most one is expected: the path
+    /// fits it.
+    pub odometry_error: f64,
+    /// The largest change that calibration makes \[standard deviations of its prior\].
+    pub calibration: f64,
+    /// Of the other runs, how many came to the same path, within three standard deviations of each position; none where
+    /// there was no other run.
+    pub agreeing_runs: Option<usize>,
+}
+
+impl Verdict {
+    /// Looks at an estimate.
+    pub(super) fn new(
+        model: &SensorModel<'_>,
+        keyframes: &[Keyframe],
+        estimate: &Estimate,
+        agreeing_runs: Option<usize>,
+    ) -> Self {
+        let (explained, detection_error) = detections(model, keyframes, estimate);
+        let off = estimate.calibration - Vector3::from(Odometry::CALIBRATED);
+        let steps = keyframes.len().saturating_sub(1).max(1);
+        Self {
+            explained,
+            unseen: unseen(model, keyframes, estimate),
+            detection_error,
+            odometry_error: 2.0 * estimate.odometry_cost(model, keyframes) / (3 * steps) as f64,
+            calibration: off.component_div(&Vector3::from(CALIBRATION_SIGMAS)).amax(),
+            agreeing_runs,
+        }
+    }
+
+    /// Reasons to doubt the map, one sentence each; none where it is consistent.
+    pub fn doubts(&self) -> Vec<String> {
+        let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+        let mut doubts = Vec::new();
+        if self.explained < LEAST_EXPLAINED {
+            let explained = percent(self.explained);
+            doubts.push(format!("only {explained} of the detections show an object of the map"));
+        }
+        if let Some(unseen) = self.unseen.filter(|unseen| *unseen > MOST_UNSEEN) {
+            let unseen = percent(unseen);
+            doubts.push(format!("objects were not seen in {unseen} of the time that they were in view for long: a place may be mapped twice, if nothing stood in front of them"));
+        }
+        if self.detection_error > MOST_ERROR {
+            let times = self.detection_error.sqrt();
+            doubts.push(format!("detections err {times:.1} times as much as [noise] of sensors.toml says"));
+        }
+        if self.odometry_error > MOST_ERROR {
+            let times = self.odometry_error.sqrt();
+            doubts.push(format!("odometry errs {times:.1} times as much as [odometry] of sensors.toml says"));
+        }
+        if self.calibration > MOST_CALIBRATION {
+            let sigmas = self.calibration;
+            doubts.push(format!("odometry would have to be calibrated by {sigmas:.1} standard deviations"));
+        }
+        if self.agreeing_runs == Some(0) {
+            doubts.push("no run with another density of new landmarks came to the same path".to_owned());
+        }
+        doubts
+    }
+
+    /// Whether nothing speaks against the map.
+    pub fn is_consistent(&self) -> bool {
+        self.doubts().is_empty()
+    }
+}
+
+/// The share of detections that are explained, and the mean squared error of a number.
+fn detections(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &Estimate) -> (f64, f64) {
+    let (mut explained, mut squared, mut sum) = (0.0, 0.0, 0.0);
+    for ((keyframe, pose), pairs) in keyframes.iter().zip(&estimate.poses).zip(&estimate.weights) {
+        for pair in pairs {
+            explained += pair.weight;
+            let seen = &keyframe.seen[pair.detection].1;
+            if let Some(prediction) = model.predict(*pose, estimate.landmarks[pair.landmark].position) {
+                let innovation = prediction.innovation(seen.range, seen.bearing);
+                let error = innovation.component_mul(&innovation).component_div(&model.variances(seen));
+                squared += pair.weight * error.map(|squared| squared.min(9.0)).sum();
+                sum += 2.0 * pair.weight;
+            }
+        }
+    }
+    let all: usize = keyframes.iter().map(|keyframe| keyframe.seen.len()).sum();
+    (explained / all.max(1) as f64, if sum > 0.0 { squared / sum } else { 0.0 })
+}
+
+/// Successive frames in which an object is in view.
+#[derive(Clone, Copy, Default)]
+struct Visit {
+    frames: f64,
+    /// Sum of the weights of its detections.
+    seen: f64,
+}
+
+/// The share of the long visits' frames that are of visits without a detection.
+fn unseen(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &Estimate) -> Option<f64> {
+    let mut visits = Vec::new();
+    let mut open = vec![Visit::default(); estimate.landmarks.len()];
+    for ((keyframe, pose), pairs) in keyframes.iter().zip(&estimate.poses).zip(&estimate.weights) {
+        if keyframe.frame.is_none() {
+            continue;
+        }
+        for (place, (landmark, visit)) in estimate.landmarks.iter().zip(&mut open).enumerate() {
+            let prediction = model.predict(*pose, landmark.position);
+            if prediction.is_some_and(|prediction| model.is_in_view(&prediction)) {
+                visit.frames += 1.0;
+                let of_landmark = pairs.iter().filter(|pair| pair.landmark == place);
+                visit.seen += of_landmark.map(|pair| pair.weight).sum::<f64>();
+            } else {
+                visits.push(std::mem::take(visit));
+            }
+        }
+    }
+    visits.extend(open);
+    // How often an object is seen, where it is seen at all.
+    let is_seen = |visit: &&Visit| visit.seen >= 0.5;
+    let sum = |value: fn(&Visit) -> f64| visits.iter().filter(is_seen).map(value).sum::<f64>();
+    let rate = sum(|visit| visit.seen) / sum(|visit| visit.frames);
+    let long = || visits.iter().filter(|visit| visit.frames * rate >= LONG_VISIT);
+    let all: f64 = long().map(|visit| visit.frames).sum();
+    let unseen: f64 = long().filter(|visit| !is_seen(visit)).map(|visit| visit.frames).sum();
+    (all > 0.0).then(|| unseen / all)
+}
