@@ -97,7 +97,7 @@ mod tests {
     fn a_light_bin_ties_nothing_together() {
         let (particles, shares) = row(&[(0, 0, 0.5), (1, 0, 1e-5), (2, 0, 0.5)]);
         let Clouds { clouds, .. } = Clouds::of(&particles, &shares);
-        assert_eq!(clouds, [vec![0], vec![1, 2]].map(|cloud| cloud), "the bin between them is in one of them");
+        assert_eq!(clouds, [vec![0], vec![1, 2]], "the bin between them is in one of them");
         assert!(Clouds::of(&[], &[]).clouds.is_empty());
     }
 }

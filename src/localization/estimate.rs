@@ -81,10 +81,9 @@ const LOCATED_WEIGHT: f64 = 0.95;
 /// The robot is located once this much speaks for its place: a quarter of the scan more than has to be explained, for six
 /// steps, two metres of way. Rooms look alike, but not the way from one to the next.
 const LOCATED_CREDIT: f64 = 6.0 * 0.25;
-/// What speaks for a place counts up to this: a moment of doubt is no new start.
+/// What speaks for a place, or against it, counts up to this: a moment of doubt is no new start, and what went wrong can be
+/// made good.
 const MOST_CREDIT: f64 = 2.0 * LOCATED_CREDIT;
-/// What speaks against a place counts down to this: it takes four times as long till it is forgotten.
-const MOST_DEBT: f64 = 4.0 * LOCATED_CREDIT;
 
 /// A place where the robot may be.
 pub(super) struct Place {
@@ -119,7 +118,7 @@ impl Place {
 /// What speaks for a place after one more step: of all the way there, the sum of what the map explains of the scans less what
 /// it has to. It is a sequential test of this place against any that explains just as much as it has to.
 pub(super) fn credit(before: f64, explained: f64, config: &LocalizationConfig) -> f64 {
-    (before + explained - config.located_explained).clamp(-MOST_DEBT, MOST_CREDIT)
+    (before + explained - config.located_explained).clamp(-MOST_CREDIT, MOST_CREDIT)
 }
 
 /// Factors for the weights of places, by which eq. 18 decides no more than it can between them.
@@ -132,6 +131,10 @@ pub(super) fn held_back(places: &[Place], most: f64, enough: f64) -> Vec<f64> {
     let gain = |place: &Place| (place.weight / place.share).ln();
     let best = places.iter().map(gain).fold(f64::NEG_INFINITY, f64::max);
     let factor = |place: &Place| {
+        // Of a place that is out of the question nothing is left to hold.
+        if place.weight < f64::MIN_POSITIVE {
+            return 1.0;
+        }
         let behind = best - gain(place);
         let counts = behind.min(most * (enough - place.explained).max(0.0));
         (behind - counts).exp()
@@ -160,6 +163,7 @@ mod tests {
             assert!((found - expected).abs() < 1e-9, "{found}, not {expected}");
         }
         assert!(held_back(&[], 10.0, 0.6).is_empty());
+        assert_eq!(held_back(&[place(0.5, 1.0, 0.9), place(0.5, 0.0, 0.9)], 10.0, 0.6), [1.0, 1.0], "impossible");
     }
 
     #[test]
@@ -176,7 +180,7 @@ mod tests {
         assert!(!is_sure(&[(10, 0.3), (14, 0.9)]) && is_sure(&[(10, 0.3), (16, 0.9)]));
         // A moment of doubt is none too much, and nothing counts for ever.
         assert!(
-            is_sure(&[(100, 0.9), (4, 0.3)]) && !is_sure(&[(100, 0.9), (6, 0.3)]) && is_sure(&[(100, 0.0), (26, 0.9)])
+            is_sure(&[(100, 0.9), (4, 0.3)]) && !is_sure(&[(100, 0.9), (6, 0.3)]) && is_sure(&[(100, 0.0), (16, 0.9)])
         );
     }
 }

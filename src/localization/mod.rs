@@ -5,10 +5,14 @@
 //!
 //! - The number of particles follows the doubt ([`kld`](crate::filter::kld)): as many as it takes to tell the bins apart that particles are
 //!   found in, from the whole free area down to a thousand.
+//! - Particles that hang together are a place where the robot may be (`clouds`). Each is drawn from by itself and keeps its
+//!   weight (`drawing`), and what a map lacks speaks against none (`estimate::held_back`): places that look alike are all kept
+//!   until something tells them apart.
 //! - Where scans fit worse than they used to, particles from anywhere are mixed in ([`recovery`](crate::filter::recovery)),
 //!   so that a robot that was carried away is found again.
 //! - The estimate is not the mean of the particles but the top of the posterior around their heaviest cloud, climbed to in
-//!   the map as it is ([`Evaluator::propagate`]); `estimate` tells when it can be relied on.
+//!   the map as it is ([`Evaluator::propagate`]). It can be relied on where no other place is left, and where what the map
+//!   explains of the scans speaks for it over all the way (`estimate`).
 
 use crate::evaluator::cholesky::{Cholesky, packed, unpacked};
 use crate::evaluator::failover::Failover;
