@@ -66,19 +66,20 @@ impl Localization {
         let mut left = max_particles;
         for (number, members) in (1..).zip(&clouds.clouds) {
             let cloud = Stratum::new(members.clone(), weights);
-            let least = (min_particles as f64 * cloud.weight() / all.weight()).round() as usize;
-            let most = max_particles / clouds.clouds.len();
+            let least = (min_particles as f64 * cloud.weight() / all.weight()).round().max(1.0) as usize;
+            let most = (max_particles / clouds.clouds.len()).max(1);
             let count = sample_size(least, most, |number| bin(drawn(&cloud, number))).particles;
             draw(&cloud, number, count);
             left -= count.min(left);
         }
+        let count = |share: f64| (share * enough as f64).round() as usize;
+        let new = count(from_anywhere).min(left / 2);
         // Where particles come from anywhere, as many strays are kept: the right place may be among them.
         let strays = Stratum::new(clouds.strays.clone(), weights);
-        let count = |share: f64| ((share * enough as f64).round() as usize).min(left / 2);
         if strays.weight() > 0.0 {
-            draw(&strays, 0, count(from_anywhere.max(strays.weight() / all.weight())));
+            let kept = count(from_anywhere.max(strays.weight() / all.weight())).min(left - new);
+            draw(&strays, 0, if clouds.clouds.is_empty() { kept.max(1) } else { kept });
         }
-        let new = count(from_anywhere);
         let share = share_from_anywhere / new as f64;
         let credit = self.credit.min(0.0);
         let from = |number| Particle { pose: self.anywhere(self.steps, number), parent: u32::MAX, share, credit };
