@@ -21,7 +21,8 @@ pub struct LocalizationConfig {
     /// apart by what comes after them, so both have to be kept till then.
     pub temper: f64,
     /// The robot is located where the map explains this share, 0 to 1, of what it could explain of the scan at best, less
-    /// the share of the points that are behind its walls. In a map made long ago it may have to be less.
+    /// the share of the points that are behind its walls, and explained more on the way there. Nothing speaks against a place
+    /// that explains as much. In a map made long ago it may have to be less.
     pub located_explained: f64,
     /// From ranges to points.
     pub scan: ScanConfig,

@@ -1,10 +1,10 @@
 //! Where most of the weight is, and whether a pose can be relied on.
 
-use super::{BIN, LocalizationConfig, bin};
+use super::LocalizationConfig;
+use super::drawing::{BIN, bin};
 use crate::evaluator::Weighed;
 use crate::geometry::Pose;
 use crate::motion::Motion;
-use crate::report::Confidence;
 use nalgebra::{Matrix3, Point2, Vector3};
 use std::collections::HashMap;
 
@@ -78,24 +78,109 @@ pub(super) fn best_known(times: f64) -> Matrix3<f64> {
 
 /// The robot is located where one cloud has this share of the weight: 95 % confidence.
 const LOCATED_WEIGHT: f64 = 0.95;
-/// The robot is located once all has been well for about this many steps, two metres of way: rooms look alike, but not the
-/// way from one to the next.
-const LOCATED_STEPS: u32 = 6;
+/// The robot is located once this much speaks for its place: a quarter of the scan more than has to be explained, for six
+/// steps, two metres of way. Rooms look alike, but not the way from one to the next.
+const LOCATED_CREDIT: f64 = 6.0 * 0.25;
+/// What speaks for a place, or against it, counts up to this: a moment of doubt is no new start, and what went wrong can be
+/// made good.
+const MOST_CREDIT: f64 = 2.0 * LOCATED_CREDIT;
 
-/// Steps at which the pose could be relied on, less those at which it could not; up to twice as many as are wanted.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Trust {
-    pub good_steps: u32,
+/// A place where the robot may be.
+pub(super) struct Place {
+    /// The top of the posterior there.
+    pub world_from_robot: Pose,
+    /// Share of the weight before and after the scan.
+    pub share: f64,
+    pub weight: f64,
+    /// Share of the weight after the scan that lies close together.
+    pub concentrated: f64,
+    /// Share of the scan that the map explains from there.
+    pub explained: f64,
+    /// What speaks for it, of all the way.
+    pub credit: f64,
 }
 
-impl Trust {
-    /// Judges the estimate of a step: the share of the weight that its cloud has, the share of the scan that the map explains
-    /// from there, and whether the robot can have come there.
-    pub fn judge(&mut self, weight: f64, explained: f64, is_expected: bool, config: &LocalizationConfig) -> Confidence {
-        let is_good = weight >= LOCATED_WEIGHT && explained >= config.located_explained && is_expected;
-        // A bad step costs a good one, so that a moment of doubt is no new start.
-        let good = if is_good { self.good_steps + 1 } else { self.good_steps.saturating_sub(1) };
-        self.good_steps = good.min(2 * LOCATED_STEPS);
-        Confidence { weight, explained, is_located: is_good && self.good_steps >= LOCATED_STEPS }
+impl Place {
+    /// The weight of the place times a factor.
+    pub fn scale(&mut self, factor: f64) {
+        self.weight *= factor;
+        self.concentrated *= factor;
+    }
+
+    /// Whether the robot is there, as far as this place alone can tell.
+    pub fn is_sure(&self, config: &LocalizationConfig) -> bool {
+        self.concentrated >= LOCATED_WEIGHT
+            && self.explained >= config.located_explained
+            && self.credit >= LOCATED_CREDIT
+    }
+}
+
+/// What speaks for a place after one more step: of all the way there, the sum of what the map explains of the scans less what
+/// it has to. It is a sequential test of this place against any that explains just as much as it has to.
+pub(super) fn credit(before: f64, explained: f64, config: &LocalizationConfig) -> f64 {
+    (before + explained - config.located_explained).clamp(-MOST_CREDIT, MOST_CREDIT)
+}
+
+/// Factors for the weights of places, by which eq. 18 decides no more than it can between them.
+///
+/// It takes the map for true. But maps lack walls, and what they lack or have wrong at a place speaks against that place
+/// step after step: of two places that look alike to the robot, the one that is drawn a little better would win.
+/// So nothing speaks against a place of which the map explains `enough` to rely on, and against others only what is missing.
+/// `most` is the log of how much likelier the map can make a scan at best.
+pub(super) fn held_back(places: &[Place], most: f64, enough: f64) -> Vec<f64> {
+    let gain = |place: &Place| (place.weight / place.share).ln();
+    let best = places.iter().map(gain).fold(f64::NEG_INFINITY, f64::max);
+    let factor = |place: &Place| {
+        // Of a place that is out of the question nothing is left to hold.
+        if place.weight < f64::MIN_POSITIVE {
+            return 1.0;
+        }
+        let behind = best - gain(place);
+        let counts = behind.min(most * (enough - place.explained).max(0.0));
+        (behind - counts).exp()
+    };
+    places.iter().map(factor).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn place(share: f64, weight: f64, explained: f64) -> Place {
+        let world_from_robot = Pose::IDENTITY;
+        Place { world_from_robot, share, weight, concentrated: weight, explained, credit: 0.0 }
+    }
+
+    /// By hand: of equal shares the weights are as e⁰, e⁻², e⁻⁴ and e⁻⁴; the first two explain enough, the third lacks 0.1 of
+    /// the scan, which can count for e⁻¹, the fourth all of what its weight says.
+    #[test]
+    fn nothing_speaks_against_a_place_that_is_explained() {
+        let weight = |log: f64| 0.25 * log.exp();
+        let places = [(0.0, 0.9), (-2.0, 0.61), (-4.0, 0.5), (-4.0, 0.1)]
+            .map(|(log, explained)| place(0.25, weight(log), explained));
+        let found: Vec<f64> = held_back(&places, 10.0, 0.6).iter().map(|factor| factor.ln()).collect();
+        for (found, expected) in found.into_iter().zip([0.0, 2.0, 3.0, 0.0]) {
+            assert!((found - expected).abs() < 1e-9, "{found}, not {expected}");
+        }
+        assert!(held_back(&[], 10.0, 0.6).is_empty());
+        assert_eq!(held_back(&[place(0.5, 1.0, 0.9), place(0.5, 0.0, 0.9)], 10.0, 0.6), [1.0, 1.0], "impossible");
+    }
+
+    #[test]
+    fn what_speaks_for_and_against_a_place_counts_over_the_way() {
+        let config = LocalizationConfig::default();
+        let after = |steps: &[(u32, f64)]| {
+            let all = steps.iter().flat_map(|&(times, explained)| std::iter::repeat_n(explained, times as usize));
+            all.fold(0.0, |before, explained| credit(before, explained, &config))
+        };
+        let is_sure = |steps| Place { credit: after(steps), ..place(1.0, 1.0, 0.9) }.is_sure(&config);
+        // A surplus of 0.3 a step: 1.5 after five of them.
+        assert!(!is_sure(&[(4, 0.9)]) && is_sure(&[(6, 0.9)]));
+        // Ten steps that lack 0.3 cost ten that have as much more.
+        assert!(!is_sure(&[(10, 0.3), (14, 0.9)]) && is_sure(&[(10, 0.3), (16, 0.9)]));
+        // A moment of doubt is none too much, and nothing counts for ever.
+        assert!(
+            is_sure(&[(100, 0.9), (4, 0.3)]) && !is_sure(&[(100, 0.9), (6, 0.3)]) && is_sure(&[(100, 0.0), (16, 0.9)])
+        );
     }
 }

@@ -5,20 +5,21 @@
 //!
 //! - The number of particles follows the doubt ([`kld`](crate::filter::kld)): as many as it takes to tell the bins apart that particles are
 //!   found in, from the whole free area down to a thousand.
+//! - Particles that hang together are a place where the robot may be (`clouds`). Each is drawn from by itself and keeps its
+//!   weight (`drawing`), and what a map lacks speaks against none (`estimate::held_back`): places that look alike are all kept
+//!   until something tells them apart.
 //! - Where scans fit worse than they used to, particles from anywhere are mixed in ([`recovery`](crate::filter::recovery)),
 //!   so that a robot that was carried away is found again.
 //! - The estimate is not the mean of the particles but the top of the posterior around their heaviest cloud, climbed to in
-//!   the map as it is ([`Evaluator::propagate`]); `estimate` tells when it can be relied on.
+//!   the map as it is ([`Evaluator::propagate`]). It can be relied on where no other place is left, and where what the map
+//!   explains of the scans speaks for it over all the way (`estimate`).
 
 use crate::evaluator::cholesky::{Cholesky, packed, unpacked};
 use crate::evaluator::failover::Failover;
-use crate::evaluator::grouping::sort_by_place;
 use crate::evaluator::pose::LocalPose;
 use crate::evaluator::tiles::{Tile, reach, tiles};
 use crate::evaluator::{Advance, Evaluator, ITERATIONS, Mode, Propagation, Scene, Start, Weighed, best_mode};
-use crate::filter::kld::{SampleSize, sample_size};
 use crate::filter::recovery::Recovery;
-use crate::filter::resampling::resample;
 use crate::filter::weights::{effective_sample_size, normalised};
 use crate::geometry::Pose;
 use crate::gpu::DeviceError;
@@ -26,20 +27,23 @@ use crate::grid::FreeArea;
 use crate::log::LogEntry;
 use crate::map::LineMap;
 use crate::motion::Motion;
-use crate::random::{Draw, bits, normals};
+use crate::random::Draw;
 use crate::report::{
     Confidence, Estimate, Estimator, Event, ReportedParticle, RunResult, StageTimes, StepReport, timed,
 };
 use crate::scan::Scan;
 use crate::tracking::Tracker;
-use estimate::{BEST_KNOWN, Cloud, Trust, best_known, is_plausible};
+use clouds::{Clouds, LIGHTEST_CLOUD};
+use drawing::{BIN, Drawn, in_order};
+use estimate::{BEST_KNOWN, Cloud, Place, best_known, credit, held_back, is_plausible};
 use nalgebra::{Matrix3, Point2};
-use std::f64::consts::{PI, TAU};
 use walls::Walls;
 
 pub use config::LocalizationConfig;
 
+mod clouds;
 mod config;
+mod drawing;
 mod estimate;
 mod walls;
 
@@ -74,10 +78,17 @@ pub struct Localization {
     walls: Walls,
     evaluator: Failover,
     particles: Vec<LocalPose>,
+    /// Share of the weight that each of them has until it is weighed.
+    shares: Vec<f64>,
+    /// What speaks for the place of each of them.
+    credits: Vec<f64>,
     /// Standard deviation across a wall while particles are weighed, and in the first steps of a climb \[m\].
     capture_sigma: f64,
-    trust: Trust,
+    /// What speaks for the estimate.
+    credit: f64,
     recovery: Recovery,
+    /// Share of the particles that come from anywhere at the next step.
+    from_anywhere: f64,
     /// The estimate of the last step.
     last: Option<Located>,
     estimates: Vec<Estimate>,
@@ -97,14 +108,6 @@ struct Located {
     confidence: Confidence,
 }
 
-/// Particles, each with its parent's index, and how many bins they are in.
-struct Drawn {
-    particles: Vec<(LocalPose, u32)>,
-    bins: usize,
-}
-
-/// Size of a bin of KLD sampling, and of the search for the heaviest cloud \[m, m, rad\].
-const BIN: [f64; 3] = [0.5, 0.5, PI / 18.0];
 /// Smallest standard deviation across a wall while particles are weighed \[m\]: a cell of KLD sampling holds many particles,
 /// and what walls are known to is far less than what lies between two of them.
 const MIN_SIGMA: f64 = 0.1;
@@ -138,10 +141,13 @@ impl Localization {
             walls: Walls::new(map.clusters, &config),
             evaluator: Failover::new(evaluator),
             particles: Vec::new(),
+            shares: Vec::new(),
+            credits: Vec::new(),
             capture_sigma: MAX_SIGMA,
-            trust: Trust::default(),
+            credit: 0.0,
             // As if scans had been just good enough.
             recovery: Recovery::new(config.located_explained),
+            from_anywhere: 0.0,
             last: None,
             estimates: Vec::new(),
             steps: 0,
@@ -175,12 +181,16 @@ impl Localization {
         let mut times = std::mem::take(&mut self.times);
         let weighed = timed(&mut times.weigh, || self.predict_and_weigh(tiles));
         let temper = self.config.temper;
-        let log_weights: Vec<f64> = weighed.iter().map(|w| temper * f64::from(w.log_likelihood)).collect();
-        let weights = normalised(&log_weights);
-        let located = timed(&mut times.estimate, || self.estimate(&Cloud::heaviest(&weighed, &weights), tiles));
-        let share_from_anywhere = self.recovery.update(located.confidence.explained);
+        let log_weight = |(weighed, share): (&Weighed, &f64)| share.ln() + temper * f64::from(weighed.log_likelihood);
+        let log_weights: Vec<f64> = weighed.iter().zip(&self.shares).map(log_weight).collect();
+        let mut weights = normalised(&log_weights);
+        let (clouds, located) = timed(&mut times.estimate, || {
+            let clouds = Clouds::of(&weighed, &self.shares);
+            let located = self.estimate(&weighed, &mut weights, &clouds, tiles);
+            (clouds, located)
+        });
         let parents = timed(&mut times.resample, || {
-            let drawn = self.resample(&weighed, &weights, share_from_anywhere);
+            let drawn = self.resample(&weighed, &weights, &clouds, self.from_anywhere);
             self.take(drawn)
         });
 
@@ -241,15 +251,57 @@ impl Localization {
         }
     }
 
-    /// The MAP estimate of the pose around a cloud, by Gauss-Newton steps from its mean, and how far it can be relied on.
-    fn estimate(&mut self, cloud: &Cloud, tiles: &[Tile]) -> Located {
+    /// Looks at every place where the robot may be, corrects their weights, and judges the heaviest.
+    fn estimate(&mut self, weighed: &[Weighed], weights: &mut [f64], clouds: &Clouds, tiles: &[Tile]) -> Located {
+        let mut places: Vec<Place> =
+            clouds.clouds.iter().map(|members| self.place(members, weighed, weights, tiles)).collect();
+        let most = self.config.temper * self.walls.most(tiles);
+        let held = held_back(&places, most, self.config.located_explained);
+        for ((place, members), factor) in places.iter_mut().zip(&clouds.clouds).zip(held) {
+            place.scale(factor);
+            members.iter().for_each(|&number| weights[number as usize] *= factor);
+        }
+        let total: f64 = weights.iter().sum();
+        weights.iter_mut().for_each(|weight| *weight /= total);
+        places.iter_mut().for_each(|place| place.scale(1.0 / total));
+
+        let fit = places.iter().map(|place| place.explained).fold(0.0, f64::max);
+        let is_alone = places.iter().filter(|place| place.weight >= LIGHTEST_CLOUD).count() <= 1;
+        let heaviest = places.into_iter().reduce(|a, b| if b.weight > a.weight { b } else { a });
+        let heaviest = heaviest.unwrap_or_else(|| self.look(&Cloud::heaviest(weighed, weights), 0.0, tiles));
+        self.from_anywhere = self.recovery.update(fit.max(heaviest.explained));
+        self.judge(&heaviest, is_alone)
+    }
+
+    /// What there is to say of the place of a cloud. All of its particles take over what speaks for it.
+    fn place(&mut self, members: &[u32], weighed: &[Weighed], weights: &[f64], tiles: &[Tile]) -> Place {
+        let of = |numbers: &[f64]| members.iter().map(|&number| numbers[number as usize]).collect::<Vec<f64>>();
+        let particles: Vec<Weighed> = members.iter().map(|&number| weighed[number as usize]).collect();
+        let (weights, shares, credits) = (of(weights), of(&self.shares), of(&self.credits));
+        let share: f64 = shares.iter().sum();
+        let before = shares.iter().zip(credits).map(|(share, credit)| share * credit).sum::<f64>() / share;
+        let cloud = Cloud::heaviest(&particles, &weights);
+        let place = Place { share, weight: weights.iter().sum(), ..self.look(&cloud, before, tiles) };
+        members.iter().for_each(|&number| self.credits[number as usize] = place.credit);
+        place
+    }
+
+    /// The MAP estimate of the pose around a cloud, by Gauss-Newton steps from its mean, and what speaks for it.
+    fn look(&mut self, cloud: &Cloud, before: f64, tiles: &[Tile]) -> Place {
         // Its few particles may lie in one place.
         let mode = self.climb(cloud.mean, &(cloud.covariance + best_known(1.0)), tiles, false);
         let world_from_robot = mode.pose.in_world(self.walls.table.anchor());
         let explained = self.walls.explained(world_from_robot, f64::from(mode.log_likelihood), tiles);
-        let is_expected = self.is_expected(world_from_robot);
-        let confidence = self.trust.judge(cloud.weight, explained, is_expected, &self.config);
-        Located { world_from_robot, confidence }
+        let credit = credit(before, explained, &self.config);
+        Place { world_from_robot, share: 1.0, weight: cloud.weight, concentrated: cloud.weight, explained, credit }
+    }
+
+    /// How far a place can be relied on.
+    fn judge(&mut self, place: &Place, is_alone: bool) -> Located {
+        self.credit = place.credit;
+        let is_located = is_alone && self.is_expected(place.world_from_robot) && place.is_sure(&self.config);
+        let confidence = Confidence { weight: place.concentrated, explained: place.explained, is_located };
+        Located { world_from_robot: place.world_from_robot, confidence }
     }
 
     /// The top of the posterior of the scan around a pose of the evaluator's frame; the covariance is of (forward,
@@ -286,71 +338,16 @@ impl Localization {
         is_plausible(world_from_robot.seen_from(last.world_from_robot), &self.tracker.by_odometry(), best_known(times))
     }
 
-    /// Draws the particles anew, a share of them from anywhere. KLD sampling tells how many there are, systematic resampling
-    /// which: in the order of their places, so that no place gains or loses particles by chance.
-    fn resample(&self, weighed: &[Weighed], weights: &[f64], share_from_anywhere: f64) -> Drawn {
-        let mut cumulative = weights.to_vec();
-        cumulative.iter_mut().fold(0.0, |sum, weight| {
-            *weight += sum;
-            *weight
-        });
-        let total = cumulative.last().copied().unwrap_or(0.0);
-        let words = |number| bits(self.config.seed, self.steps, number, Draw::Resample);
-        let SampleSize { particles: count, bins } = self.sample_size(|number| {
-            let words = words(number);
-            if fraction(words[0], 0) < share_from_anywhere {
-                return self.anywhere(self.steps, number);
-            }
-            let target = fraction(words[1], words[2]) * total;
-            weighed[cumulative.partition_point(|&sum| sum <= target).min(weighed.len() - 1)].pose
-        });
-        let from_anywhere = (share_from_anywhere * count as f64).round() as usize;
-        let offset = fraction(words(u32::MAX)[0], 0);
-        let parents = resample(weights, count - from_anywhere.min(count), offset).into_iter();
-        let mut particles: Vec<(LocalPose, u32)> =
-            parents.map(|parent| (weighed[parent].pose, parent as u32)).collect();
-        particles.extend((0..from_anywhere as u32).map(|number| (self.anywhere(self.steps, number), u32::MAX)));
-        Drawn { particles, bins }
-    }
-
-    /// The number of particles that the KLD bound asks for, given the bins that they fall in.
-    fn sample_size(&self, particle: impl Fn(u32) -> LocalPose) -> SampleSize {
-        let LocalizationConfig { max_particles, min_particles, .. } = self.config;
-        sample_size(min_particles, max_particles, |number| bin(particle(number)))
-    }
-
     /// Goes on with these particles, in the order of their places, and with walls as thick as they are sparse. Returns the
     /// parent of each.
-    fn take(&mut self, Drawn { mut particles, bins }: Drawn) -> Vec<u32> {
-        sort_by_place(&mut particles, |particle| particle.0);
+    fn take(&mut self, Drawn { particles, bins }: Drawn) -> Vec<u32> {
         let volume = bins as f64 * BIN.iter().product::<f64>() / particles.len().max(1) as f64;
         self.capture_sigma = (0.5 * (LEVER * volume).cbrt()).clamp(MIN_SIGMA, MAX_SIGMA);
-        let parents;
-        (self.particles, parents) = particles.into_iter().unzip();
-        parents
-    }
-
-    /// Particles around the initial pose, or anywhere; as many as their bins take.
-    fn first_particles(&self, initial: Option<InitialPose>) -> Drawn {
-        let place = |number: u32| match initial {
-            None => self.anywhere(u32::MAX, number),
-            Some(InitialPose { world_from_robot, position_sigma, heading_sigma }) => {
-                let [x, y, turn, _] = normals(self.config.seed, u32::MAX, number, Draw::Motion).map(f64::from);
-                let Pose { x: x0, y: y0, heading: heading0 } = world_from_robot;
-                let pose = Pose::new(x0 + position_sigma * x, y0 + position_sigma * y, heading0 + heading_sigma * turn);
-                LocalPose::new(pose, self.walls.table.anchor())
-            }
-        };
-        let SampleSize { particles: count, bins } = self.sample_size(place);
-        Drawn { particles: (0..count as u32).map(|number| (place(number), number)).collect(), bins }
-    }
-
-    /// A pose anywhere in the free area.
-    fn anywhere(&self, step: u32, number: u32) -> LocalPose {
-        let words = bits(self.config.seed, step, number, Draw::Anywhere);
-        let position = self.free.sample([fraction(words[0], 0), fraction(words[1], 0)]);
-        let heading = TAU * fraction(words[2], 0) - PI;
-        LocalPose::new(Pose::new(position.x, position.y, heading), self.walls.table.anchor())
+        let particles = in_order(particles);
+        self.particles = particles.iter().map(|particle| particle.pose).collect();
+        self.shares = particles.iter().map(|particle| particle.share).collect();
+        self.credits = particles.iter().map(|particle| particle.credit).collect();
+        particles.iter().map(|particle| particle.parent).collect()
     }
 }
 
@@ -390,17 +387,6 @@ impl Estimator for Localization {
     }
 }
 
-/// The bin of a pose.
-fn bin(pose: LocalPose) -> [i32; 3] {
-    let at = [pose.x, pose.y, pose.heading].map(f64::from);
-    std::array::from_fn(|axis| (at[axis] / BIN[axis]).floor() as i32)
-}
-
-/// A number in [0, 1] of 64 random bits.
-fn fraction(high: u32, low: u32) -> f64 {
-    (f64::from(high) + f64::from(low) / 4_294_967_296.0) / 4_294_967_296.0
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -409,6 +395,7 @@ mod tests {
     use crate::ppca::Cluster;
     use crate::tracking::TrackingConfig;
     use nalgebra::Vector2;
+    use std::f64::consts::TAU;
 
     /// A metre forward, turning to the left, known to 12 cm (with the 5 cm of a top to 13 cm) and 0.048 rad (0.052):
     /// √11.345 = 3.37 standard deviations are 44 cm and 0.175 rad.
@@ -486,7 +473,6 @@ mod tests {
         let mut filter = Localization::new(map, None, LocalizationConfig::default(), None).unwrap();
         let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: true };
         filter.last = Some(Located { world_from_robot: before, confidence });
-        filter.trust.good_steps = 10;
         filter
     }
 
@@ -494,7 +480,8 @@ mod tests {
     fn locate(mut filter: Localization) -> Confidence {
         let mean = LocalPose::new(ROBOT, filter.walls.table.anchor()).in_world(Point2::origin());
         let cloud = Cloud { mean, covariance: Matrix3::identity() * 0.01, weight: 1.0 };
-        let Located { world_from_robot, confidence } = filter.estimate(&cloud, &tiles_seen());
+        let place = filter.look(&cloud, 10.0, &tiles_seen());
+        let Located { world_from_robot, confidence } = filter.judge(&place, true);
         let off = world_from_robot.seen_from(ROBOT);
         assert!(off.x.hypot(off.y) < 0.01 && off.heading.abs() < 0.01, "{world_from_robot:?}");
         confidence
@@ -543,13 +530,5 @@ mod tests {
         // What the scan says, and the floor.
         assert!(covariance.diagonal().iter().all(|variance| (0.0025..0.0035).contains(variance)), "{covariance}");
         assert_eq!(tracked(0.26).mean, Pose::new(0.26, 0.0, 0.0));
-    }
-
-    #[test]
-    fn bins_are_half_a_metre_and_ten_degrees() {
-        let pose = |x: f32, y: f32, degrees: f32| LocalPose { x, y, heading: degrees.to_radians() };
-        assert_eq!(bin(pose(0.49, -0.01, 9.9)), [0, -1, 0]);
-        assert_eq!(bin(pose(0.51, 0.49, 10.1)), [1, 0, 1]);
-        assert_eq!(bin(pose(-7.3, 12.2, -179.0)), [-15, 24, -18]);
     }
 }

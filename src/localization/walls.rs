@@ -43,11 +43,17 @@ impl Walls {
     pub fn explained(&self, world_from_robot: Pose, log_likelihood: f64, tiles: &[Tile]) -> f64 {
         let points: f64 = tiles.iter().map(|tile| f64::from(tile.count)).sum();
         let log_outlier = f64::from(self.table.log_outlier());
-        let most = points * (self.log_peak - log_outlier);
+        let most = self.most(tiles);
         let gained = log_likelihood - points * log_outlier;
         let share = if most > 0.0 { gained / most } else { 0.0 };
         let behind = self.points_behind(world_from_robot, tiles);
         (share - behind as f64 / points).clamp(0.0, 1.0)
+    }
+
+    /// How much likelier the map can make a scan at best: ln of the ratio to one that it explains nothing of.
+    pub fn most(&self, tiles: &[Tile]) -> f64 {
+        let points: f64 = tiles.iter().map(|tile| f64::from(tile.count)).sum();
+        points * (self.log_peak - f64::from(self.table.log_outlier()))
     }
 
     /// How many points are behind a wall, seen from here. The likelihood (eq. 18) does not ask what is between the robot and

@@ -2,13 +2,15 @@
 
 use ipslam::clustering::ClusteringConfig;
 use ipslam::geometry::{Pose, StampedPose};
-use ipslam::grid::{Cell, FreeArea, GridBuilder, OccupancyGrid};
+use ipslam::grid::{FreeArea, GridBuilder};
 use ipslam::localization::{InitialPose, Localization, LocalizationConfig};
 use ipslam::log::{LaserReading, LogEntry, LogSource};
 use ipslam::map::{LineMap, clusters_of_grid};
+use ipslam::ppca::Cluster;
 use ipslam::report::{Confidence, Estimate, Estimator as _, Event};
 use ipslam::scan::{Scan, ScanConfig};
-use ipslam::simulate::Simulation;
+use ipslam::simulate::{Laser, Plan, Simulation, SimulationConfig, Wall};
+use nalgebra::Point2;
 use std::sync::LazyLock;
 
 /// A pose is right this close to the truth [m, rad]: the map is one of cells of 5 cm.
@@ -17,7 +19,10 @@ const PARTICLES: usize = 30_000;
 
 /// Every reading of a drive with the true pose there, all in the frame of the building.
 fn drive(seed: u64) -> Vec<(LogEntry, Pose)> {
-    let simulation = Simulation::building(seed);
+    readings(&Simulation::building(seed))
+}
+
+fn readings(simulation: &Simulation) -> Vec<(LogEntry, Pose)> {
     let mut truth = simulation.truth();
     let mut last = None;
     let mut readings = Vec::new();
@@ -38,10 +43,12 @@ fn drive(seed: u64) -> Vec<(LogEntry, Pose)> {
     readings
 }
 
-static MAP: LazyLock<LineMap> = LazyLock::new(|| {
+static MAP: LazyLock<LineMap> = LazyLock::new(|| map(&drive(2)));
+
+/// A map of scans at their true poses.
+fn map(drive: &[(LogEntry, Pose)]) -> LineMap {
     let mut builder = GridBuilder::new(0.05);
-    let drive = drive(2);
-    for (entry, pose) in &drive {
+    for (entry, pose) in drive {
         if let LogEntry::Laser(reading) = entry {
             let scan = Scan::from_reading(reading, &ScanConfig::default());
             builder.add_scan(&scan, reading.robot_from_laser, *pose);
@@ -50,7 +57,7 @@ static MAP: LazyLock<LineMap> = LazyLock::new(|| {
     let grid = builder.finish().unwrap();
     let free = FreeArea::from_grid(&grid, drive.iter().map(|(_, pose)| pose.position()));
     LineMap { clusters: clusters_of_grid(&grid, &ClusteringConfig::default()), free }
-});
+}
 
 fn filter(initial: Option<InitialPose>, max_particles: usize) -> Localization {
     let config = LocalizationConfig { max_particles, ..LocalizationConfig::default() };
@@ -118,6 +125,7 @@ fn an_initial_pose_needs_few_particles() {
     let steps = follow(&mut filter(Some(wrong), PARTICLES), &drive[drive.len() / 3..drive.len() / 2]);
     let (is_located, is_right, _) = steps[steps.len() - 1];
     assert!(is_located && is_right, "a wrong initial pose is never got rid of");
+    assert!(steps.iter().all(|step| step.1 || !step.0), "a wrong initial pose is believed");
 }
 
 /// Where all beams were lost nothing is known better or worse than before, however far the robot has come.
@@ -199,62 +207,59 @@ fn threads_change_nothing() {
     assert!(one.windows(2).all(|pair| pair[0] != pair[1]), "checksums tell steps apart");
 }
 
-/// In a room that looks the same from its other side one place is seldom forgotten for the other. Chance alone drives
-/// their weights apart, so that of 20 seeds one or two forget within 150 steps; where particles are drawn independently of
-/// each other, eight.
+/// A rectangle of walls.
+fn rectangle([left, bottom]: [f64; 2], [right, top]: [f64; 2]) -> [Wall; 4] {
+    let wall = |a: [f64; 2], b: [f64; 2]| Wall { a: a.into(), b: b.into() };
+    let corners = [[left, bottom], [right, bottom], [right, top], [left, top]];
+    std::array::from_fn(|side| wall(corners[side], corners[(side + 1) % 4]))
+}
+
+/// A corridor of 20 by 12 m around a block of which the middle is at `x`; the robot drives round.
+fn corridor(seed: u64, x: f64) -> Vec<(LogEntry, Pose)> {
+    let walls = [rectangle([0.0, 0.0], [20.0, 12.0]), rectangle([x - 5.0, 4.0], [x + 5.0, 8.0])].concat();
+    let tour = [[2.0, 2.0], [17.5, 2.0], [17.5, 10.0], [2.0, 10.0], [2.0, 2.0]].map(Into::into).to_vec();
+    let laser = Laser { field_of_view: std::f64::consts::TAU, max_range: 12.0, ..Laser::default() };
+    let config = SimulationConfig { seed, laser, ..SimulationConfig::default() };
+    readings(&Simulation::new("corridor".to_owned(), Plan { walls, tour }, config).unwrap())
+}
+
+/// A building that is the same from its other side, in a map that is not: an end of a long wall is missing from it, and what
+/// is left is 5 mm off. That is no sign of where the robot is, however often it comes by.
 #[test]
 fn places_that_look_alike_are_kept_apart() {
-    const ROOM: [f64; 2] = [6.0, 4.0];
-    const CELL: f64 = 0.05;
-    let [width, height] = ROOM.map(|side| (side / CELL).round() as u32);
-    let is_wall = |(row, column): (u32, u32)| row == 0 || column == 0 || row == height - 1 || column == width - 1;
-    let places = (0..height).flat_map(|row| (0..width).map(move |column| (row, column)));
-    let cells = places.map(|place| if is_wall(place) { Cell::Occupied } else { Cell::Free }).collect();
-    let grid = OccupancyGrid::new(CELL, Pose::IDENTITY, width, height, cells).unwrap();
-    let map = LineMap {
-        clusters: clusters_of_grid(&grid, &ClusteringConfig::default()),
-        free: FreeArea::from_grid(&grid, []),
-    };
-    assert_eq!(map.clusters.len(), 4);
-
-    // To the wall's middle, which is where a grid has it.
-    let range = |robot: Pose, angle: f64| {
-        let direction = Pose::new(0.0, 0.0, robot.heading + angle).direction();
-        let along = |axis: usize| {
-            let wall = if direction[axis] > 0.0 { ROOM[axis] - CELL / 2.0 } else { CELL / 2.0 };
-            (wall - robot.position()[axis]) / direction[axis]
-        };
-        [0, 1].into_iter().filter(|&axis| direction[axis] != 0.0).map(along).fold(f64::INFINITY, f64::min)
-    };
-    let reading = |step: i32| {
-        let robot = Pose::new(2.0 + 0.31 * f64::from((step % 10 - 5).abs()), 1.5, 0.0);
-        LogEntry::Laser(LaserReading {
-            stamp: f64::from(step),
-            odom_from_robot: robot,
-            robot_from_laser: Pose::IDENTITY,
-            start_from_end: Pose::IDENTITY,
-            first_angle: 0.0,
-            angle_step: 1_f64.to_radians(),
-            max_range: 30.0,
-            ranges: (0..360).map(|degrees: i32| range(robot, f64::from(degrees).to_radians())).collect(),
-        })
-    };
-    let (mut forgetful, mut fewest) = (0, usize::MAX);
-    for seed in 1..=20 {
+    let mut map = map(&corridor(2, 10.0));
+    let long = map.clusters.iter_mut().find(|wall| wall.mean.y > 11.0 && wall.length() > 15.0).unwrap();
+    *long = Cluster { mean: Point2::new(11.5, long.mean.y + 0.005), along_variance: 17.0 * 17.0 / 12.0, ..*long };
+    let drive = corridor(1, 10.0);
+    for seed in 1..=3 {
         let config = LocalizationConfig { seed, max_particles: 20_000, ..LocalizationConfig::default() };
         let mut filter = Localization::new(map.clone(), None, config, None).unwrap();
-        let mut most = 0.0_f64;
-        for step in 0..150 {
-            filter.add(&reading(step), &mut |event| {
+        let (mut steps, mut most, mut fewest) = (0, 0.0_f64, usize::MAX);
+        for (entry, _) in [&drive[..], &drive[..]].concat() {
+            filter.add(&entry, &mut |event| {
                 let Event::Step(report) = event else { return };
-                most = most.max(if step < 20 { 0.0 } else { report.confidence.unwrap().weight });
+                let Confidence { weight, is_located, .. } = report.confidence.unwrap();
+                assert!(!is_located, "seed {seed}, step {}", report.step);
+                most = most.max(if report.step < 20 { 0.0 } else { weight });
                 fewest = fewest.min(report.particles.len());
+                steps += 1;
             });
         }
-        println!("seed {seed}: a place has up to {most:.2} of the weight");
-        assert!(most > 0.4, "seed {seed}: neither place was found");
-        forgetful += u32::from(most > 0.95);
+        println!("seed {seed}: up to {most:.2} of the weight in {steps} steps, {fewest} particles at least");
+        assert!(steps > 200 && (0.4..0.95).contains(&most) && fewest < 2000);
     }
-    println!("{forgetful} of 20 forget; {fewest} particles at least");
-    assert!(forgetful <= 4 && fewest < 2000, "{forgetful} of 20 forget; {fewest} particles at least");
+}
+
+/// Round and round in a corridor whose inner block lies a few metres off: much of each scan fits, but not all the way.
+#[test]
+fn a_robot_is_not_located_in_the_map_of_another_building() {
+    let map = map(&corridor(2, 8.0));
+    for (block, is_right) in [(8.0, true), (12.0, false)] {
+        let config = LocalizationConfig { max_particles: 20_000, ..LocalizationConfig::default() };
+        let mut filter = Localization::new(map.clone(), None, config, None).unwrap();
+        let steps = follow(&mut filter, &corridor(1, block));
+        let located = steps.iter().filter(|step| step.0).count();
+        println!("block at {block} m: located in {located} of {} steps", steps.len());
+        assert!(if is_right { located > steps.len() / 2 } else { located == 0 }, "block at {block} m: {located}");
+    }
 }
