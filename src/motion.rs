@@ -23,6 +23,9 @@ parameters! {
         position_floor: f64 = 0.005, in 1e-6..=1e3;
         /// Error of a motion of nothing, heading \[rad\].
         heading_floor: f64 = 0.01, in 1e-6..=1e3;
+        /// Error of the stamps of odometry and scans \[s\]: times the speed it is an error of the position, times the turn rate
+        /// one of the heading. Stamps are often those of receipt, and messages wait for each other.
+        stamp_error: f64 = 0.05, in 0.0..=1e3;
     }
 }
 
@@ -82,14 +85,22 @@ impl Travel {
         }
     }
 
+    /// The same way, but to another place.
+    pub fn moved_to(self, mean: Pose) -> Self {
+        Self { mean, ..self }
+    }
+
     /// The distribution of the motion (eq. 17): standard deviations grow in proportion to distance, turn and unmeasured time,
-    /// as those of a scale error do. No motion is known better than the floors, not even none.
-    pub fn motion(&self, config: &MotionConfig) -> Motion {
+    /// as those of a scale error do. No motion is known better than the floors, not even none, nor better than the robot moves
+    /// at this `velocity` \[m/s, m/s, rad/s\] within the error of a stamp.
+    pub fn motion(&self, config: &MotionConfig, velocity: Pose) -> Motion {
         let position = config.position_floor
+            + config.stamp_error * velocity.x.hypot(velocity.y)
             + config.position_per_distance * self.distance
             + config.position_per_turn * self.turn
             + UNMEASURED_SPEED * self.unmeasured;
         let heading = config.heading_floor
+            + config.stamp_error * velocity.heading.abs()
             + config.heading_per_distance * self.distance
             + config.heading_per_turn * self.turn
             + UNMEASURED_TURN_RATE * self.unmeasured;
@@ -114,12 +125,13 @@ mod tests {
         heading_per_turn: 0.5,
         position_floor: 0.001,
         heading_floor: 0.002,
+        stamp_error: 0.0,
     };
 
     #[test]
     fn noise_grows_with_the_motion_as_configured() {
         let moved = Pose::new(5.0, 7.0, 1.4).seen_from(Pose::new(5.0, 5.0, 1.0));
-        let motion = Travel::measured(moved).motion(&CONFIG);
+        let motion = Travel::measured(moved).motion(&CONFIG, Pose::IDENTITY);
         let position = 0.001 + 0.1 * 2.0 + 0.3 * 0.4;
         let expected = [position, position, 0.002 + 0.02 * 2.0 + 0.5 * 0.4];
         for (axis, sigma) in expected.into_iter().enumerate() {
@@ -127,17 +139,28 @@ mod tests {
         }
     }
 
+    /// Two metres a second and half a radian a second, stamps that are off by a tenth of a second.
+    #[test]
+    fn a_fast_robot_is_where_its_stamps_put_it() {
+        let config = MotionConfig { stamp_error: 0.1, ..CONFIG };
+        let Motion { covariance, .. } = Travel::default().motion(&config, Pose::new(1.2, -1.6, -0.5));
+        let expected = [0.001 + 0.2, 0.001 + 0.2, 0.002 + 0.05];
+        for (axis, sigma) in expected.into_iter().enumerate() {
+            assert!((covariance[(axis, axis)].sqrt() - sigma).abs() < 1e-12, "{covariance}");
+        }
+    }
+
     /// An arc in one piece and in ten: the chord of a tenth is shorter by its curvature alone.
     #[test]
     fn noise_does_not_depend_on_into_how_many_readings_a_motion_is_cut() {
         let arc = |turn: f64| Pose::new((turn.sin()) / 0.2, (1.0 - turn.cos()) / 0.2, turn);
-        let whole = Travel::measured(arc(0.1)).motion(&CONFIG);
+        let whole = Travel::measured(arc(0.1)).motion(&CONFIG, Pose::IDENTITY);
         let piece = Travel::measured(arc(0.01));
-        let cut = (0..10).fold(Travel::default(), |travel, _| travel.then(&piece)).motion(&CONFIG);
+        let cut = (0..10).fold(Travel::default(), |travel, _| travel.then(&piece)).motion(&CONFIG, Pose::IDENTITY);
         assert!((cut.mean.x - whole.mean.x).abs() < 1e-9 && (cut.mean.heading - 0.1).abs() < 1e-12);
         let apart = (cut.covariance - whole.covariance).abs().max() / whole.covariance.max();
         assert!(apart < 1e-3, "{apart}");
-        let guess = Travel::unmeasured(Pose::IDENTITY, 0.2).motion(&CONFIG).covariance;
+        let guess = Travel::unmeasured(Pose::IDENTITY, 0.2).motion(&CONFIG, Pose::IDENTITY).covariance;
         assert!((guess[(0, 0)].sqrt() - 0.101).abs() < 1e-12, "{guess}");
     }
 }

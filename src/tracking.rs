@@ -2,7 +2,8 @@
 //!
 //! Odometry is not always a measurement. A motion that no robot can have driven, between two readings, is none: the robot
 //! goes on as before, with the doubt of a motion that nobody measured, and scan matching decides. So is odometry that does not
-//! change at all: the robot stands, or nothing measures it.
+//! change at all: the robot stands, or nothing measures it, or odometry is late. Once it changes again, its motion began
+//! where it stopped changing, and not where scans have followed the robot since.
 
 use crate::geometry::Pose;
 use crate::motion::{Motion, MotionConfig, Travel};
@@ -32,6 +33,10 @@ parameters! {
 const MIN_ELAPSED: f64 = 0.5;
 /// No guess of a motion reaches further \[s\].
 const MAX_GUESS: f64 = 1.0;
+/// Odometry is late once it has not changed for this share of its period: stamps jitter.
+const LATE: f64 = 0.9;
+/// What one interval counts in the average of the period: that of the last ten.
+const PERIOD_SHARE: f64 = 0.1;
 
 impl TrackingConfig {
     /// Whether a robot that has moved so since the last step is still too near for another one.
@@ -48,11 +53,20 @@ impl TrackingConfig {
     }
 }
 
-/// Odometry at a reading.
+/// The last change of odometry.
 #[derive(Clone, Copy, Debug)]
-struct Last {
+struct Change {
     stamp: f64,
     odom_from_robot: Pose,
+}
+
+/// Where odometry stopped changing, relative to the last step.
+#[derive(Clone, Copy, Debug)]
+struct Stall {
+    by_odometry: Pose,
+    tracked: Pose,
+    /// How long odometry has not changed \[s\].
+    seconds: f64,
 }
 
 /// The motion since the last step.
@@ -60,7 +74,12 @@ struct Last {
 pub struct Tracker {
     motion: MotionConfig,
     tracking: TrackingConfig,
-    last: Option<Last>,
+    last: Option<Change>,
+    /// Stamp of the last reading \[s\].
+    stamp: f64,
+    stall: Option<Stall>,
+    /// Time from one change of odometry to the next, on average \[s\].
+    period: Option<f64>,
     /// The last motion that was believed, a second of it: forward and sideways \[m/s\], turn \[rad/s\].
     velocity: Pose,
     since_step: Travel,
@@ -77,6 +96,9 @@ impl Tracker {
             motion,
             tracking,
             last: None,
+            stamp: 0.0,
+            stall: None,
+            period: None,
             velocity: Pose::IDENTITY,
             since_step: Travel::default(),
             corrected: Motion::none(),
@@ -91,22 +113,54 @@ impl Tracker {
             self.refused.push(stamp);
             return;
         }
-        let now = Last { stamp, odom_from_robot };
-        let Some(last) = self.last.replace(now) else { return };
-        let moved = odom_from_robot.seen_from(last.odom_from_robot);
-        let seconds = stamp - last.stamp;
-        let speed = self.velocity.x.hypot(self.velocity.y);
-        let travel = if !self.tracking.can_be_driven(moved, seconds, speed) {
-            self.refused.push(stamp);
-            let seconds = seconds.clamp(0.0, MAX_GUESS);
-            let Pose { x, y, heading } = self.velocity;
-            Travel::unmeasured(Pose::new(x * seconds, y * seconds, heading * seconds), seconds)
-        } else if moved == Pose::IDENTITY {
-            Travel::unmeasured(moved, seconds.clamp(0.0, MAX_GUESS))
-        } else {
-            self.believe(moved, seconds);
-            Travel::measured(moved)
+        let before = std::mem::replace(&mut self.stamp, stamp);
+        let elapsed = (stamp - before).clamp(0.0, MAX_GUESS);
+        let Some(last) = self.last else {
+            self.last = Some(Change { stamp, odom_from_robot });
+            return;
         };
+        if last.odom_from_robot == odom_from_robot {
+            self.stand(stamp - last.stamp, elapsed);
+            return;
+        }
+        self.last = Some(Change { stamp, odom_from_robot });
+        let moved = odom_from_robot.seen_from(last.odom_from_robot);
+        // No odometry is later than that: a robot that stood for an hour cannot have driven a mile.
+        let seconds = stamp - last.stamp.max(before - MAX_GUESS);
+        let speed = self.velocity.x.hypot(self.velocity.y);
+        let stall = self.stall.take();
+        if !self.tracking.can_be_driven(moved, seconds, speed) {
+            self.refused.push(stamp);
+            let Pose { x, y, heading } = self.velocity;
+            let guess = Pose::new(x * elapsed, y * elapsed, heading * elapsed);
+            self.travel(Travel::unmeasured(guess, elapsed));
+            return;
+        }
+        self.believe(moved, seconds);
+        let seconds = seconds.min(MAX_GUESS);
+        self.period = Some(self.period.map_or(seconds, |period| period + PERIOD_SHARE * (seconds - period)));
+        let mut travel = Travel::measured(moved);
+        if let Some(Stall { by_odometry, tracked, seconds }) = stall {
+            self.since_step = self.since_step.moved_to(by_odometry);
+            self.since_correction = self.since_correction.moved_to(tracked.seen_from(self.corrected.mean));
+            // Odometry that was late may still be.
+            travel = travel.then(&Travel::unmeasured(Pose::IDENTITY, seconds));
+        }
+        self.travel(travel);
+    }
+
+    /// Odometry has not changed for `unchanged` \[s\], `elapsed` of them since the last reading.
+    fn stand(&mut self, unchanged: f64, elapsed: f64) {
+        // A scan between two odometry readings repeats the first one.
+        if self.period.is_some_and(|period| unchanged >= LATE * period) {
+            let (by_odometry, tracked) = (self.by_odometry().mean, self.tracked().mean);
+            let stall = self.stall.get_or_insert(Stall { by_odometry, tracked, seconds: 0.0 });
+            stall.seconds = (stall.seconds + elapsed).min(MAX_GUESS);
+        }
+        self.travel(Travel::unmeasured(Pose::IDENTITY, elapsed));
+    }
+
+    fn travel(&mut self, travel: Travel) {
         self.since_step = self.since_step.then(&travel);
         self.since_correction = self.since_correction.then(&travel);
     }
@@ -123,13 +177,15 @@ impl Tracker {
 
     /// The motion since the last step by odometry alone (eq. 17).
     pub fn by_odometry(&self) -> Motion {
-        self.since_step.motion(&self.motion)
+        self.since_step.motion(&self.motion, self.velocity)
     }
 
-    /// The motion since the last step, as scans have corrected it since. The floors of odometry's noise stay in it: a scan that
-    /// is taken at its word says more than it knows.
+    /// The motion since the last step, as scans have corrected it since.
     pub fn tracked(&self) -> Motion {
-        self.corrected.then(&self.since_correction.motion(&self.motion))
+        if self.since_correction == Travel::default() {
+            return self.corrected;
+        }
+        self.corrected.then(&self.since_correction.motion(&self.motion, self.velocity))
     }
 
     /// A scan has corrected the motion since the last step.
@@ -140,6 +196,11 @@ impl Tracker {
 
     /// A step was taken here.
     pub fn begin_step(&mut self) {
+        let now = self.tracked().mean;
+        self.stall = self.stall.map(|stall| {
+            let stalled = stall.tracked.seen_from(now);
+            Stall { by_odometry: stalled, tracked: stalled, ..stall }
+        });
         self.since_step = Travel::default();
         self.correct(Motion::none());
     }
@@ -161,6 +222,7 @@ mod tests {
         heading_per_turn: 0.0,
         position_floor: 0.01,
         heading_floor: 0.01,
+        stamp_error: 0.0,
     };
 
     /// Half a metre a second, a reading each tenth of one; `spoil` changes odometry.
@@ -225,11 +287,63 @@ mod tests {
         let mut tracker = drive(|_, pose| pose);
         let corrected = Motion { mean: Pose::new(4.0, 0.5, 0.0), covariance: nalgebra::Matrix3::identity() * 1e-6 };
         tracker.correct(corrected);
-        let floor = |motion: &Motion| (motion.covariance[(0, 0)] - corrected.covariance[(0, 0)]).sqrt();
-        assert!(tracker.tracked().mean == corrected.mean && (floor(&tracker.tracked()) - 0.01).abs() < 1e-9);
+        assert_eq!(tracker.tracked(), corrected, "nothing has moved since");
         tracker.add(10.0, Pose::new(5.0, 0.0, 0.0));
-        assert!((tracker.tracked().mean.x - 4.05).abs() < 1e-9 && (tracker.by_odometry().mean.x - 5.0).abs() < 1e-9);
+        let Motion { mean, covariance } = tracker.tracked();
+        assert!((mean.x - 4.05).abs() < 1e-9 && (tracker.by_odometry().mean.x - 5.0).abs() < 1e-9);
+        assert!((covariance[(0, 0)] - 1e-6 - (0.01f64 + 0.1 * 0.05).powi(2)).abs() < 1e-9, "{covariance}");
         tracker.begin_step();
         assert_eq!((tracker.tracked().mean, tracker.by_odometry().mean), (Pose::IDENTITY, Pose::IDENTITY));
+    }
+
+    /// Odometry stands still for half a second, while scans follow the robot; then it makes up for what it missed. A step may
+    /// be taken meanwhile.
+    #[test]
+    fn late_odometry_begins_where_it_stalled() {
+        for steps in [false, true] {
+            let mut tracker = Tracker::new(CONFIG, TrackingConfig::default());
+            let pose = |reading: u32| Pose::new(100.1 + 0.05 * f64::from(reading), 7.3, 0.0);
+            for reading in 0..20 {
+                tracker.add(0.1 * f64::from(reading), pose(reading));
+            }
+            tracker.begin_step();
+            for reading in 20..25 {
+                tracker.add(0.1 * f64::from(reading), pose(19));
+                let sigma = tracker.tracked().covariance[(0, 0)].sqrt();
+                assert!(sigma > 0.05, "{sigma}: as if it had been measured");
+                let moved = if steps { 0.05 } else { 0.05 * f64::from(reading - 19) };
+                tracker.correct(Motion { mean: Pose::new(moved, 0.0, 0.0), ..Motion::none() });
+                if steps {
+                    tracker.begin_step();
+                }
+            }
+            tracker.add(2.5, pose(25));
+            let expected = if steps { 0.05 } else { 0.3 };
+            for (name, Motion { mean, covariance }) in
+                [("tracked", tracker.tracked()), ("by odometry", tracker.by_odometry())]
+            {
+                assert!((mean.x - expected).abs() < 1e-9, "{name} {steps}: {mean:?}");
+                // It may be late still.
+                assert!(covariance[(0, 0)].sqrt() > 0.25, "{name} {steps}: {covariance}");
+            }
+            tracker.correct(Motion { mean: Pose::new(expected, 0.0, 0.0), ..Motion::none() });
+            tracker.add(2.6, pose(26));
+            let Motion { mean, covariance } = tracker.tracked();
+            assert!(
+                (mean.x - expected - 0.05).abs() < 1e-9 && covariance[(0, 0)].sqrt() < 0.02,
+                "{mean:?} {covariance}"
+            );
+        }
+    }
+
+    /// A robot that has stood for an hour is not a mile away at the next reading.
+    #[test]
+    fn a_jump_after_a_rest_is_no_motion() {
+        let mut tracker = Tracker::new(CONFIG, TrackingConfig::default());
+        for (stamp, x) in [(0.0, 0.0), (1.0, 0.0), (3600.0, 0.0), (3600.1, 20.0), (3600.2, 20.05)] {
+            tracker.add(stamp, Pose::new(x, 0.0, 0.0));
+        }
+        assert_eq!(tracker.refused(), [3600.1]);
+        assert!((tracker.by_odometry().mean.x - 0.05).abs() < 1e-9);
     }
 }
