@@ -27,6 +27,7 @@ mod simulate;
 mod summary;
 mod truth;
 mod view;
+mod visual_inertial;
 mod workload;
 
 const EXIT_CODES: &str = "Exit codes:

@@ -69,7 +69,7 @@ impl Outputs {
     }
 
     /// Where a file of this name is written to.
-    fn stage(&mut self, name: &str) -> PathBuf {
+    pub fn stage(&mut self, name: &str) -> PathBuf {
         self.staged.push(name.to_owned());
         self.staging.join(name)
     }

@@ -3,6 +3,7 @@
 use super::output::Outputs;
 use super::progress::{Bar, PERMILLE};
 use super::say::{print_line, say};
+use super::visual_inertial;
 use anyhow::Context as _;
 use clap::ValueEnum;
 use ipslam::association::Policy;
@@ -19,10 +20,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// Maps the objects of a recording of detections, whose classes it knows and whose identities it does not.
+/// Maps the objects of a recording of detections, whose classes it knows and whose identities it does not; without
+/// detections, the way of a camera with an inertial sensor.
 #[derive(Debug, clap::Args)]
 pub struct SemanticArgs {
-    /// Folder of the recording: sensors.toml, odometry.csv, detections.csv
+    /// Folder of the recording: sensors.toml, odometry.csv, detections.csv; or sensors.toml, imu.csv, tracks.csv
     recording: PathBuf,
     /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME OF THE RECORDING]
     #[arg(long, value_name = "DIR")]
@@ -68,13 +70,18 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let config =
         SemanticConfig { association: args.association.policy(), beam: args.beam, ..SemanticConfig::default() };
     config.validate()?;
+    let folder = std::path::absolute(&args.recording).unwrap_or_else(|_| args.recording.clone());
+    let name = folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
+    if visual_inertial::is_recording(&args.recording) {
+        let mut outputs = Outputs::for_log(args.out.as_deref(), &name)?;
+        visual_inertial::estimate(&args.recording, &name, &mut outputs)?;
+        return Ok(std::mem::take(&mut outputs.errors));
+    }
     let read = recordings::read(&args.recording)?;
     for warning in &read.warnings {
         say!("{warning}");
     }
     let recording = read.recording;
-    let folder = std::path::absolute(&args.recording).unwrap_or_else(|_| args.recording.clone());
-    let name = folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
     let mut outputs = Outputs::for_log(args.out.as_deref(), &name)?;
     let ids = args.known_ids.as_deref().map(|path| truth::read_ids(path, &recording)).transpose()?;
     let began = Instant::now();

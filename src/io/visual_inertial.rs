@@ -15,7 +15,8 @@ use std::io::{Read as _, Write};
 use std::path::Path;
 
 const SENSORS: &str = "sensors.toml";
-const IMU: &str = "imu.csv";
+/// Inertial readings, which tell a folder of this kind.
+pub const IMU: &str = "imu.csv";
 const TRACKS: &str = "tracks.csv";
 
 /// Longer texts are no description of sensors \[bytes\].

@@ -16,7 +16,8 @@ pub mod truth;
 
 const SENSORS: &str = "sensors.toml";
 const ODOMETRY: &str = "odometry.csv";
-const DETECTIONS: &str = "detections.csv";
+/// What was detected, which tells a folder of this kind.
+pub const DETECTIONS: &str = "detections.csv";
 
 const EXPECTED: &str =
     "a recording of detections is a folder with sensors.toml, odometry.csv and detections.csv (docs/formats.md)";
