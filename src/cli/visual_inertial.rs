@@ -78,7 +78,10 @@ fn draw(
 ) {
     let world_from_reference = errors.map_or_else(Pose3::identity, |errors| errors.reference_from_world.inverse());
     let path = from_above(trajectory, Pose3::identity());
-    let reference = from_above(reference, world_from_reference);
+    let mut reference = from_above(reference, world_from_reference);
+    if let (Some(first), Some(last)) = (path.first(), path.last()) {
+        reference.retain(|pose| (first.stamp..=last.stamp).contains(&pose.stamp));
+    }
     let mut picture = Picture::new(name).view(View::around([&path[..], &reference[..]], &[], None)).trajectory(
         "trajectory, from above",
         Line::ESTIMATE,
