@@ -60,19 +60,31 @@ pub struct Travel {
     distance: f64,
     /// Sum of all turns, to the left or to the right \[rad\].
     turn: f64,
-    /// Time for which nothing was measured \[s\].
-    unmeasured: f64,
+    /// Standard deviation of what nobody measured of the position, forward and sideways \[m\].
+    unmeasured_position: f64,
+    /// Standard deviation of what nobody measured of the heading \[rad\].
+    unmeasured_heading: f64,
 }
 
 impl Travel {
     /// A motion that odometry has measured.
     pub fn measured(mean: Pose) -> Self {
-        Self { mean, distance: mean.x.hypot(mean.y), turn: mean.heading.abs(), unmeasured: 0.0 }
+        Self { mean, distance: mean.x.hypot(mean.y), turn: mean.heading.abs(), ..Self::default() }
     }
 
-    /// A guess of a motion that took `seconds` \[s\].
+    /// A guess of a motion that took `seconds` \[s\], of a robot of which nothing else is known.
     pub fn unmeasured(mean: Pose, seconds: f64) -> Self {
-        Self { mean, distance: 0.0, turn: 0.0, unmeasured: seconds }
+        let (unmeasured_position, unmeasured_heading) = (UNMEASURED_SPEED * seconds, UNMEASURED_TURN_RATE * seconds);
+        Self { mean, unmeasured_position, unmeasured_heading, ..Self::default() }
+    }
+
+    /// No motion, unless odometry missed one: of a robot that moved at this `velocity` \[m/s, m/s, rad/s\], for `seconds` \[s\].
+    pub fn missed(velocity: Pose, seconds: f64) -> Self {
+        Self {
+            unmeasured_position: velocity.x.hypot(velocity.y) * seconds,
+            unmeasured_heading: velocity.heading.abs() * seconds,
+            ..Self::default()
+        }
     }
 
     /// This way and then another one.
@@ -81,7 +93,8 @@ impl Travel {
             mean: self.mean * next.mean,
             distance: self.distance + next.distance,
             turn: self.turn + next.turn,
-            unmeasured: self.unmeasured + next.unmeasured,
+            unmeasured_position: self.unmeasured_position + next.unmeasured_position,
+            unmeasured_heading: self.unmeasured_heading + next.unmeasured_heading,
         }
     }
 
@@ -98,12 +111,12 @@ impl Travel {
             + config.stamp_error * velocity.x.hypot(velocity.y)
             + config.position_per_distance * self.distance
             + config.position_per_turn * self.turn
-            + UNMEASURED_SPEED * self.unmeasured;
+            + self.unmeasured_position;
         let heading = config.heading_floor
             + config.stamp_error * velocity.heading.abs()
             + config.heading_per_distance * self.distance
             + config.heading_per_turn * self.turn
-            + UNMEASURED_TURN_RATE * self.unmeasured;
+            + self.unmeasured_heading;
         let diagonal = Vector3::new(position * position, position * position, heading * heading);
         Motion { mean: self.mean, covariance: Matrix3::from_diagonal(&diagonal) }
     }

@@ -1,9 +1,9 @@
 //! The motion of the robot since the last step of a filter: what odometry says, and as scans have corrected it since.
 //!
 //! Odometry is not always a measurement. A motion that no robot can have driven, between two readings, is none: the robot
-//! goes on as before, with the doubt of a motion that nobody measured, and scan matching decides. So is odometry that does not
-//! change at all: the robot stands, or nothing measures it, or odometry is late. Once it changes again, its motion began
-//! where it stopped changing, and not where scans have followed the robot since.
+//! goes on as before, with the doubt of a motion that nobody measured, and scan matching decides. So is odometry that never
+//! changes. Where it stops changing, the robot stands or odometry is late: the doubt is as far as the robot drives on at its
+//! speed. Once it changes again, its motion began where it stopped changing, and not where scans have followed the robot since.
 
 use crate::geometry::Pose;
 use crate::motion::{Motion, MotionConfig, Travel};
@@ -65,8 +65,8 @@ struct Change {
 struct Stall {
     by_odometry: Pose,
     tracked: Pose,
-    /// How long odometry has not changed \[s\].
-    seconds: f64,
+    /// What it may have missed since.
+    missed: Travel,
 }
 
 /// The motion since the last step.
@@ -140,24 +140,32 @@ impl Tracker {
         let seconds = seconds.min(MAX_GUESS);
         self.period = Some(self.period.map_or(seconds, |period| period + PERIOD_SHARE * (seconds - period)));
         let mut travel = Travel::measured(moved);
-        if let Some(Stall { by_odometry, tracked, seconds }) = stall {
+        if let Some(Stall { by_odometry, tracked, missed }) = stall {
             self.since_step = self.since_step.moved_to(by_odometry);
             self.since_correction = self.since_correction.moved_to(tracked.seen_from(self.corrected.mean));
             // Odometry that was late may still be.
-            travel = travel.then(&Travel::unmeasured(Pose::IDENTITY, seconds));
+            travel = travel.then(&missed);
         }
         self.travel(travel);
     }
 
     /// Odometry has not changed for `unchanged` \[s\], `elapsed` of them since the last reading.
     fn stand(&mut self, unchanged: f64, elapsed: f64) {
-        // A scan between two odometry readings repeats the first one.
-        if self.period.is_some_and(|period| unchanged >= LATE * period) {
-            let (by_odometry, tracked) = (self.by_odometry().mean, self.tracked().mean);
-            let stall = self.stall.get_or_insert(Stall { by_odometry, tracked, seconds: 0.0 });
-            stall.seconds = (stall.seconds + elapsed).min(MAX_GUESS);
+        let Some(period) = self.period else {
+            // It never has: nothing measures the robot.
+            return self.travel(Travel::unmeasured(Pose::IDENTITY, elapsed));
+        };
+        if unchanged > MAX_GUESS {
+            // The robot stands.
+            self.velocity = Pose::IDENTITY;
         }
-        self.travel(Travel::unmeasured(Pose::IDENTITY, elapsed));
+        // A scan between two odometry readings repeats the first one.
+        if unchanged >= LATE * period {
+            let (by_odometry, tracked) = (self.by_odometry().mean, self.tracked().mean);
+            let stall = self.stall.get_or_insert(Stall { by_odometry, tracked, missed: Travel::default() });
+            stall.missed = stall.missed.then(&Travel::missed(self.velocity, elapsed));
+        }
+        self.travel(Travel::missed(self.velocity, elapsed));
     }
 
     fn travel(&mut self, travel: Travel) {
