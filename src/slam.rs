@@ -250,6 +250,8 @@ impl Slam {
         let how = Propagation {
             starts: &starts,
             particles_per_map,
+            // One map alone is at the mode; several are a sample.
+            exact_first: self.config.maps == 1,
             prior_information: packed(&information),
             iterations,
             ..self.propagation()
