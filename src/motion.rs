@@ -8,15 +8,15 @@ use crate::parameters::parameters;
 use nalgebra::{Matrix3, Vector3};
 
 parameters! {
-    /// How far odometry is trusted: standard deviations in proportion to the motion. The prior of scan matching has heavy tails
-    /// (`evaluator::PRIOR_TAIL`), so these are of an ordinary moment, not of the worst.
+    /// How far odometry is trusted: standard deviations in proportion to the motion. The defaults are wide enough for a robot
+    /// whose heading is off by half a radian in a bad moment, such as that of the CSAIL log.
     pub struct MotionConfig {
         /// Forward and sideways error of a travelled distance \[m/m\].
         position_per_distance: f64 = 0.05, in 0.0..=1e3;
         /// Forward and sideways error of a turn \[m/rad\].
         position_per_turn: f64 = 0.02, in 0.0..=1e3;
         /// Heading error of a travelled distance \[rad/m\].
-        heading_per_distance: f64 = 0.1, in 0.0..=1e3;
+        heading_per_distance: f64 = 0.2, in 0.0..=1e3;
         /// Heading error of a turn \[rad/rad\].
         heading_per_turn: f64 = 0.3, in 0.0..=1e3;
         /// Error of a motion of nothing, forward and sideways \[m\].
