@@ -128,7 +128,7 @@ impl Slam {
         let tiles = tiles(&scan.points, self.config.likelihood.max_points);
         if self.steps == 0 {
             self.place_first_readings(reading.odom_from_robot);
-            // The way before the first scan is nobody's business: here is the origin.
+            // Table I, 2: the robot is at the origin, whatever it did before its first scan.
             self.tracker.begin_step();
         }
         let mut times = std::mem::take(&mut self.times);

@@ -137,8 +137,6 @@ impl Tracker {
             return;
         }
         self.believe(moved, seconds);
-        let seconds = seconds.min(MAX_GUESS);
-        self.period = Some(self.period.map_or(seconds, |period| period + PERIOD_SHARE * (seconds - period)));
         let mut travel = Travel::measured(moved);
         if let Some(Stall { by_odometry, tracked, missed }) = stall {
             self.since_step = self.since_step.moved_to(by_odometry);
@@ -173,13 +171,16 @@ impl Tracker {
         self.since_correction = self.since_correction.then(&travel);
     }
 
-    /// The velocity follows the motions of the last half second.
+    /// The velocity follows the motions of the last half second, and the period the intervals; stamps that stand still or go
+    /// backwards tell of neither.
     fn believe(&mut self, moved: Pose, seconds: f64) {
         if seconds > 0.0 {
             let share = (seconds / MIN_ELAPSED).min(1.0);
             let blend = |old: f64, moved: f64| old + share * (moved / seconds - old);
             let Pose { x, y, heading } = self.velocity;
             self.velocity = Pose { x: blend(x, moved.x), y: blend(y, moved.y), heading: blend(heading, moved.heading) };
+            let seconds = seconds.min(MAX_GUESS);
+            self.period = Some(self.period.map_or(seconds, |period| period + PERIOD_SHARE * (seconds - period)));
         }
     }
 
@@ -343,6 +344,23 @@ mod tests {
                 "{mean:?} {covariance}"
             );
         }
+    }
+
+    /// A scan between two odometry readings repeats the first one, and its correction stays; also where the clock once went
+    /// back.
+    #[test]
+    fn a_scan_between_two_readings_is_no_stall() {
+        let mut tracker = Tracker::new(CONFIG, TrackingConfig::default());
+        let pose = |reading: u32| Pose::new(0.05 * f64::from(reading), 0.0, 0.0);
+        let stamp = |reading: u32| if reading < 5 { 100.0 } else { 0.0 } + 0.1 * f64::from(reading);
+        for reading in 0..20 {
+            tracker.add(stamp(reading), pose(reading));
+        }
+        tracker.begin_step();
+        tracker.add(1.94, pose(19));
+        tracker.correct(Motion { mean: Pose::new(0.03, 0.0, 0.0), ..Motion::none() });
+        tracker.add(2.0, pose(20));
+        assert!((tracker.tracked().mean.x - 0.08).abs() < 1e-9, "{:?}", tracker.tracked());
     }
 
     /// A robot that has stood for an hour is not a mile away at the next reading.

@@ -1,5 +1,6 @@
 //! A short text, read whole.
 
+use crate::log::LogError;
 use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
@@ -16,6 +17,17 @@ pub enum TextError {
     /// It is not in UTF-8 from a byte on.
     #[error("byte {0} is no UTF-8")]
     Utf8(usize),
+}
+
+impl TextError {
+    /// The same error of a part of a recording, where a text like `expected` should be.
+    pub(crate) fn in_recording(self, path: &Path, expected: &'static str) -> LogError {
+        let path = path.to_owned();
+        match self {
+            Self::Read(source) => LogError::Open { path, source },
+            other => LogError::NotThisFormat { path, reason: other.to_string(), expected },
+        }
+    }
 }
 
 /// Reads a text in UTF-8 of at most so many bytes.

@@ -2,7 +2,7 @@
 //! `docs/formats.md` says.
 
 use super::table::{Layout, read_table};
-use super::{WriteError, write_whole};
+use super::{WriteError, read_text, write_whole};
 use crate::geometry::{Pinhole, Pose3};
 use crate::inertial::{ImuNoise, ImuReading};
 use crate::log::LogError;
@@ -10,8 +10,7 @@ use crate::parameters::check;
 use crate::visual_inertial::{Camera, Feature, FeatureFrame, Recording};
 use nalgebra::{Point2, Point3, Quaternion, Unit, Vector3};
 use serde::{Deserialize, Serialize};
-use std::fs::File;
-use std::io::{Read as _, Write};
+use std::io::Write;
 use std::path::Path;
 
 const SENSORS: &str = "sensors.toml";
@@ -62,10 +61,7 @@ pub fn read(folder: &Path) -> Result<Recording, LogError> {
 fn read_sensors(path: &Path) -> Result<(Camera, ImuNoise), LogError> {
     let not_this_format =
         |reason| LogError::NotThisFormat { path: path.to_owned(), reason, expected: SENSORS_EXPECTED };
-    let mut text = String::new();
-    File::open(path)
-        .and_then(|file| file.take(MAX_LENGTH).read_to_string(&mut text))
-        .map_err(|source| LogError::Open { path: path.to_owned(), source })?;
+    let text = read_text(path, MAX_LENGTH).map_err(|error| error.in_recording(path, SENSORS_EXPECTED))?;
     let SensorsFile { camera, imu } = toml::from_str(&text).map_err(|error| not_this_format(error.to_string()))?;
     let CameraTable { focal, centre, noise, position, quaternion: [x, y, z, w] } = camera;
     let rotation = Quaternion::new(w, x, y, z);

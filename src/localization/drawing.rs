@@ -104,7 +104,7 @@ impl Localization {
         Drawn { particles: (0..count as u32).map(particle).collect(), bins }
     }
 
-    /// So many of these particles are enough for the bins that they fall in.
+    /// The number of particles that the KLD bound asks for, given the bins that they fall in.
     fn sample_size(&self, particle: impl Fn(u32) -> LocalPose) -> SampleSize {
         let LocalizationConfig { max_particles, min_particles, .. } = self.config;
         sample_size(min_particles, max_particles, |number| bin(particle(number)))

@@ -71,6 +71,31 @@ fn a_minute_in_the_building_stays_close_to_the_truth() {
     assert_eq!(result.trajectory().len(), readings);
 }
 
+/// Ten seconds of odometry, at rest and then driving and turning, come before the first scan.
+#[test]
+fn the_origin_is_the_robot_at_the_first_scan() {
+    let simulation = simulation(5.0);
+    let mut slam = Slam::new(few_maps());
+    let before = |step: u32| Pose::new(0.1 * f64::from(step.saturating_sub(50)), 0.0, 0.02 * f64::from(step));
+    for step in 0..100 {
+        let (stamp, odom_from_robot) = (0.1 * f64::from(step) - 10.0, before(step));
+        slam.add(&LogEntry::Odometry { stamp, odom_from_robot }, &mut |_| {});
+    }
+    let mut first = None;
+    for entry in simulation.open().unwrap() {
+        slam.add(&entry.unwrap(), &mut |event| {
+            let Event::Step(report) = event else { return };
+            first.get_or_insert((report.stamp, report.world_from_robot));
+        });
+    }
+    let (stamp, pose) = first.unwrap();
+    // The noise of a motion of nothing.
+    assert!(pose.x.hypot(pose.y) < 0.05 && pose.heading.abs() < 0.05, "{pose:?}");
+    let placed = slam.result().poses.into_iter().find(|estimate| estimate.stamp == stamp).unwrap();
+    let apart = placed.world_from_robot.unwrap().seen_from(pose);
+    assert!(apart.x.hypot(apart.y) < 0.1, "{apart:?}");
+}
+
 #[test]
 fn the_papers_filter_runs_to_the_end() {
     let simulation = simulation(10.0);

@@ -64,7 +64,7 @@ fn intel_loops_close() {
     let log = data("intel/intel-dense.clf.gz");
     let result = map(&CarmenLog::new(log), &SlamConfig { seed: 1, ..SlamConfig::default() });
     let (all, loops) = means(&score(&result, "intel/intel.relations.gz"));
-    // Seeds 1 and 2 have 0.016 and 0.017 m, loops 0.018 and 0.019 m.
+    // Seeds 1 and 2 have 0.016 and 0.023 m, loops 0.018 and 0.035 m.
     assert!(all <= 0.02 && loops <= 0.025, "seed 1: {all} m, loops {loops} m");
     assert_eq!(result.trajectory().len(), 13_631 + 8_132, "a pose for every reading");
 }

@@ -3,7 +3,7 @@
 use super::invalid;
 use crate::detections::{DetectionKind, DetectionNoise, Detector, OdometryNoise, Sensors, View};
 use crate::geometry::Pose;
-use crate::io::{TextError, read_text};
+use crate::io::read_text;
 use crate::log::LogError;
 use crate::parameters::{ConfigError, check};
 use serde::{Deserialize, Serialize};
@@ -50,11 +50,7 @@ struct Mounting {
 }
 
 pub(super) fn read(path: &Path) -> Result<Sensors, LogError> {
-    let not_this_format = |reason| LogError::NotThisFormat { path: path.to_owned(), reason, expected: EXPECTED };
-    let text = read_text(path, MAX_LENGTH).map_err(|error| match error {
-        TextError::Read(source) => LogError::Open { path: path.to_owned(), source },
-        other => not_this_format(other.to_string()),
-    })?;
+    let text = read_text(path, MAX_LENGTH).map_err(|error| error.in_recording(path, EXPECTED))?;
     let text = text.as_str();
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let line_error = |line, reason| LogError::Line { path: path.to_owned(), line, reason };
