@@ -102,6 +102,7 @@ pub mod io;
 pub mod likelihood;
 pub mod localization;
 pub mod log;
+pub mod loops;
 pub mod map;
 pub mod math;
 pub mod metrics;

@@ -186,6 +186,27 @@ impl StepReport<'_> {
     }
 }
 
+/// A place that the robot came back to.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Loop {
+    /// Stamp of the step that came back \[s\].
+    pub stamp: f64,
+    /// Stamp of the step that had been there before \[s\].
+    pub older_stamp: f64,
+    /// The step that came back.
+    pub step: u32,
+    /// The step that had been there before.
+    pub older: u32,
+    /// The robot at `step`, seen from where it was at `older`.
+    pub older_from_robot: Pose,
+    /// How far from there the robot was thought to be \[m\].
+    pub correction: f64,
+    /// Share of the walls of the last metres that the older map explains, less the share that lies behind its walls.
+    pub explained: f64,
+    /// Whether the path that was found closes it.
+    pub is_closed: bool,
+}
+
 /// What a run found.
 #[derive(Clone, Debug, Default)]
 pub struct RunResult {
@@ -196,6 +217,8 @@ pub struct RunResult {
     pub poses: Vec<Estimate>,
     /// Stamps \[s\] of the odometry that no robot can have driven, and that was left out, in the order of the log.
     pub refused_odometry: Vec<f64>,
+    /// The loops that were searched for and found, in the order of the log.
+    pub loops: Vec<Loop>,
 }
 
 impl RunResult {

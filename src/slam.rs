@@ -22,6 +22,7 @@ use crate::filter::weights::{effective_sample_size, normalised};
 use crate::geometry::Pose;
 use crate::gpu::DeviceError;
 use crate::log::{LaserReading, LogEntry};
+use crate::loops::{Closed, Keyframe, Loops};
 use crate::map::merging::{MapChange, merge_scan};
 use crate::map::{LineMap, Map, MapCluster, Pool, Slot};
 use crate::motion::Motion;
@@ -86,6 +87,7 @@ pub struct Slam {
     steps: u32,
     /// The motion since the last step.
     tracker: Tracker,
+    loops: Loops,
     times: StageTimes,
 }
 
@@ -116,6 +118,7 @@ impl Slam {
             readings: Vec::new(),
             steps: 0,
             tracker: Tracker::new(config.motion, config.tracking),
+            loops: Loops::new(config.closer()),
             times: StageTimes::default(),
             config,
         }
@@ -201,7 +204,31 @@ impl Slam {
             times,
         }));
         self.steps += 1;
+        self.loops.add(Keyframe {
+            stamp: scan.stamp,
+            tiles: tiles.to_vec(),
+            clusters,
+            by_odometry: self.tracker.by_odometry(),
+            tracked: self.tracker.tracked(),
+        });
         self.tracker.begin_step();
+        self.close_loop();
+    }
+
+    /// All maps go over to a path that closes a loop. Eq. 18 cannot choose between the two: for now, a second copy of a wall fits
+    /// better than the wall itself, as long as the bent path is not yet as good as it will be.
+    fn close_loop(&mut self) {
+        // Node 0 of a path is the start.
+        let best = self.ancestry.path(self.hypotheses[self.best].path);
+        let Some(Closed { path, map }) = self.loops.close(&best[1..], &mut self.evaluator) else { return };
+        let Some(&world_from_robot) = path.last() else { return };
+        let start = self.ancestry.extend(None, Pose::IDENTITY);
+        let end = path.iter().fold(start, |end, &pose| self.ancestry.extend(Some(end), pose));
+        let map = Map { slots: map.into_iter().map(|cluster| self.pool.insert(cluster)).collect() };
+        let score = self.hypotheses[self.best].score;
+        self.hypotheses.fill(Hypothesis { map, world_from_robot, log_weight: 0.0, score, path: end });
+        self.pool.keep_only(self.hypotheses.iter().map(|hypothesis| &hypothesis.map));
+        self.table.update(&mut self.pool, world_from_robot);
     }
 
     /// Tracks the robot from scan to scan in the best map: odometry, corrected by scan matching.
@@ -431,6 +458,7 @@ impl Estimator for Slam {
             map: LineMap { clusters: self.clusters_of(best), free: None },
             poses: self.readings.iter().map(estimate).collect(),
             refused_odometry: self.tracker.refused().to_vec(),
+            loops: self.loops.found(&path[1..]),
         }
     }
 

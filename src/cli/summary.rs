@@ -3,7 +3,7 @@
 use super::eval::Report;
 use ipslam::config::SlamConfig;
 use ipslam::pipeline::{End, Outcome};
-use ipslam::report::{RunResult, StageTimes};
+use ipslam::report::{Loop, RunResult, StageTimes};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -117,6 +117,25 @@ impl Summary<'_> {
         warnings
     }
 
+    /// Why the result may not be relied on.
+    fn doubts(&self) -> Vec<String> {
+        let mut doubts = Vec::new();
+        let open: Vec<&Loop> = self.mapped.result.loops.iter().filter(|found| !found.is_closed).collect();
+        if let Some(first) = open.first() {
+            doubts.push(format!(
+                "loops that were found and that the path does not close: {}, first at stamp {} ({:.1} m off a place of stamp {})",
+                open.len(),
+                first.stamp,
+                first.correction,
+                first.older_stamp
+            ));
+        }
+        if self.mapped.stats.laser > 0 && self.mapped.stats.laser_without_odometry == self.mapped.stats.laser {
+            doubts.push("no odometry: where scans show little, nothing tells how far the robot went".to_owned());
+        }
+        doubts
+    }
+
     /// Everything, units in the names.
     pub fn json(&self) -> serde_json::Result<Value> {
         let Self { mapped, config, .. } = self;
@@ -160,6 +179,9 @@ impl Summary<'_> {
                     "worst_share": of_particles(counts.effective_worst),
                 },
             },
+            "loops": mapped.result.loops,
+            "verdict": if self.doubts().is_empty() { "consistent" } else { "doubtful" },
+            "doubts": self.doubts(),
             "time": {
                 "filter_s": mapped.filter_seconds,
                 "smoothing_s": mapped.smoothing_seconds,
@@ -183,6 +205,7 @@ impl Summary<'_> {
         let counts = &mapped.counts;
         let percent = |count: f64| 100.0 * count / config.particles as f64;
         let StageTimes { cluster, track, propagate, weigh, resample, merge, .. } = counts.times;
+        let loops = &mapped.result.loops;
         let rows = [
             ("log", format!("{}: {} scans in {:.1} s", self.name, counts.scans, counts.log_seconds())),
             (
@@ -210,6 +233,7 @@ impl Summary<'_> {
                     percent(counts.effective_worst)
                 ),
             ),
+            ("loops", format!("{} found, {} closed", loops.len(), loops.iter().filter(|l| l.is_closed).count())),
             (
                 "time",
                 format!(
@@ -231,7 +255,8 @@ impl Summary<'_> {
             ),
         ];
         let memory = peak_memory().map(|bytes| ("memory", format!("{:.0} MB at most", bytes as f64 / 1e6)));
-        let warnings = self.warnings().into_iter().map(|warning| ("warning", warning));
+        let verdict = self.doubts().into_iter().map(|doubt| ("doubtful", doubt));
+        let warnings = self.warnings().into_iter().map(|warning| ("warning", warning)).chain(verdict);
         let mut table = String::new();
         for (label, text) in rows.into_iter().chain(memory).chain(warnings) {
             let _ = writeln!(table, "{label:<8} {text}");

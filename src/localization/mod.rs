@@ -379,7 +379,12 @@ impl Estimator for Localization {
 
     fn result(&self) -> RunResult {
         let map = LineMap { clusters: self.walls.clusters.clone(), free: Some(self.free.clone()) };
-        RunResult { map, poses: self.estimates.clone(), refused_odometry: self.tracker.refused().to_vec() }
+        RunResult {
+            map,
+            poses: self.estimates.clone(),
+            refused_odometry: self.tracker.refused().to_vec(),
+            loops: Vec::new(),
+        }
     }
 
     fn evaluator_failure(&self) -> Option<&DeviceError> {

@@ -4,6 +4,7 @@ use crate::ablation::{AblationConfig, Latent, MatchingRule, MergingMethod};
 use crate::clustering::ClusteringConfig;
 use crate::evaluator::ProposalConfig;
 use crate::likelihood::LikelihoodConfig;
+use crate::loops::{Closer, LoopConfig};
 use crate::map::matching::MatchingConfig;
 use crate::map::merging::MergingConfig;
 use crate::motion::MotionConfig;
@@ -41,6 +42,8 @@ pub struct SlamConfig {
     pub merging: MergingConfig,
     /// Tempering and resampling.
     pub filter: FilterConfig,
+    /// Searching for loops.
+    pub loops: LoopConfig,
     /// What comes after the filter.
     pub smoothing: SmoothingConfig,
     /// The paper's own rules in place of ours.
@@ -72,6 +75,7 @@ impl Default for SlamConfig {
             matching: MatchingConfig::default(),
             merging: MergingConfig::default(),
             filter: FilterConfig::default(),
+            loops: LoopConfig::default(),
             smoothing: SmoothingConfig::default(),
             ablation: AblationConfig::default(),
         }
@@ -113,6 +117,7 @@ impl SlamConfig {
                 clutter_age: 0,
             },
             filter: FilterConfig { temper: 1.0, resample_below: 1.0 },
+            loops: LoopConfig { search_distance: 0.0, ..LoopConfig::default() },
             smoothing: SmoothingConfig { passes: 0, ..SmoothingConfig::default() },
             ablation: AblationConfig {
                 latent: Latent::Normal,
@@ -123,6 +128,12 @@ impl SlamConfig {
             },
             ..Self::default()
         }
+    }
+
+    /// What loops take of it.
+    pub fn closer(&self) -> Closer {
+        let Self { likelihood, matching, merging, ablation, loops, .. } = *self;
+        Closer { loops, likelihood, matching, merging, ablation }
     }
 
     /// What smoothing takes of it.
@@ -176,6 +187,7 @@ impl SlamConfig {
         self.matching.check("matching")?;
         self.merging.check("merging")?;
         self.filter.check("filter")?;
+        self.loops.check("loops")?;
         self.smoothing.check("smoothing")?;
         self.ablation.check("ablation")
     }

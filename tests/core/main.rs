@@ -14,6 +14,7 @@ mod factor_graph;
 mod failover;
 mod grid;
 mod localization;
+mod loops;
 mod matching;
 mod merging;
 #[path = "../common/oracle.rs"]
@@ -32,6 +33,9 @@ use ipslam::random::{self, Draw};
 use nalgebra::Point2;
 use proptest::prelude::*;
 use wall::wall;
+
+/// Of every simulation.
+const SEED: u64 = 1;
 
 /// Standard normal numbers.
 fn normals(seed: u64) -> impl Iterator<Item = f64> {

@@ -270,7 +270,7 @@ fn run() -> (RunResult, Vec<(Scan, Pose, Pose)>) {
         confidence: None,
     };
     let poses = scans.iter().map(estimate).collect();
-    (RunResult { map: LineMap { clusters, free: None }, poses, refused_odometry: Vec::new() }, scans)
+    (RunResult { map: LineMap { clusters, free: None }, poses, refused_odometry: Vec::new(), loops: Vec::new() }, scans)
 }
 
 #[test]

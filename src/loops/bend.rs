@@ -1,0 +1,155 @@
+//! A pose graph bends the path so that it closes a loop.
+
+use super::{Keyframe, SAME, Window, is_near};
+use crate::factor_graph::{Between, Graph, GraphError, Loss, Noise, Prior, Solver, Values, VariableId};
+use crate::geometry::Pose;
+use nalgebra::{DMatrix, Matrix3, Vector3};
+
+/// Two steps that are in the same place.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tie {
+    pub older: usize,
+    pub newer: usize,
+    pub older_from_newer: Pose,
+}
+
+impl Tie {
+    /// The last step of a window is here: as seen from the older step that was closest.
+    pub fn new(world_from_robot: Pose, path: &[Pose], window: Window) -> Self {
+        let off = |step: &usize| (path[*step].position() - world_from_robot.position()).norm();
+        let older = (0..window.older).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
+        Self { older, newer: window.last, older_from_newer: world_from_robot.seen_from(path[older]) }
+    }
+
+    /// Whether a path has the two where this has them.
+    pub fn holds(&self, path: &[Pose]) -> bool {
+        is_near(path[self.newer].seen_from(path[self.older]), self.older_from_newer, SAME)
+    }
+}
+
+/// A path that was bent.
+#[derive(Debug)]
+pub(super) struct Bent {
+    pub path: Vec<Pose>,
+    /// The error of the pose graph \[nats\].
+    pub cost: f64,
+}
+
+/// The first pose stays \[m, m, rad\].
+const ORIGIN: [f64; 3] = [1e-3; 3];
+/// How well two scans of one place tell where one was from the other, forward, sideways, heading \[m, m, rad\].
+const TIE: [f64; 3] = [0.05, 0.05, 0.01];
+/// The least error of a motion from step to step, of any kind.
+const MOTION: [f64; 3] = [0.01, 0.01, 0.003];
+/// Motions whose squared distance from odometry, in units of the usual one, is this are as likely wrong as not.
+const UNUSUAL: f64 = 50.0;
+/// Ties may be wrong: beyond this many standard deviations they pull no harder.
+const TIE_TAIL: f64 = 3.0;
+
+/// The path, from `path` on, that keeps all `motions` from step to step and all ties as well as it can, and the new tie in any
+/// case. `None` where there is no such path.
+pub(super) fn bent(keyframes: &[Keyframe], motions: &[Pose], path: &[Pose], ties: &[Tie], new: &Tie) -> Option<Bent> {
+    solve(keyframes, motions, path, ties, new).ok()
+}
+
+fn solve(keyframes: &[Keyframe], motions: &[Pose], path: &[Pose], ties: &[Tie], new: &Tie) -> Result<Bent, GraphError> {
+    let mut values = Values::new();
+    let steps: Vec<VariableId> = path.iter().map(|&pose| values.add_pose(pose)).collect();
+    let between = |tie: &Tie| Between::new(steps[tie.older], steps[tie.newer], tie.older_from_newer);
+    let mut graph = Graph::new();
+    graph.add(Prior::pose(steps[0], path[0]), Noise::sigmas(&ORIGIN)?)?;
+    let usual = usual(keyframes, motions);
+    for (step, keyframe) in keyframes.iter().enumerate().skip(1) {
+        let noise = Noise::covariance(&doubt(keyframe, motions[step], &usual))?;
+        graph.add(Between::new(steps[step - 1], steps[step], motions[step]), noise)?;
+    }
+    for tie in ties {
+        let term = graph.add(between(tie), Noise::sigmas(&TIE)?)?;
+        graph.set_loss(term, Loss::Cauchy(TIE_TAIL))?;
+    }
+    graph.add(between(new), Noise::sigmas(&TIE)?)?;
+    let cost = Solver::default().solve(&graph, &mut values)?.error;
+    let path: Result<Vec<Pose>, GraphError> = steps.into_iter().map(|step| values.pose(step)).collect();
+    Ok(Bent { path: path?, cost })
+}
+
+/// How far a motion is off odometry: forward, sideways, heading.
+fn off(keyframe: &Keyframe, moved: Pose) -> Vector3<f64> {
+    let Pose { x, y, heading } = moved.seen_from(keyframe.by_odometry.mean);
+    Vector3::new(x, y, heading)
+}
+
+/// How far motions of this drive usually are off odometry: robust standard deviations.
+fn usual(keyframes: &[Keyframe], motions: &[Pose]) -> Vector3<f64> {
+    let offs: Vec<Vector3<f64>> =
+        keyframes.iter().zip(motions).skip(1).map(|(keyframe, &moved)| off(keyframe, moved).abs()).collect();
+    let median = |axis: usize| {
+        let mut numbers: Vec<f64> = offs.iter().map(|off| off[axis]).collect();
+        numbers.sort_by(f64::total_cmp);
+        numbers.get(numbers.len() / 2).copied().unwrap_or(0.0)
+    };
+    // A normal distribution has half of its errors within 0.674 standard deviations.
+    Vector3::from_fn(|axis, _| (median(axis) / 0.6745).max(MOTION[axis]))
+}
+
+/// The covariance of a motion: as well as the scans know it. Where scans and odometry disagree more than they usually do, one of
+/// them is wrong, and nobody knows which.
+fn doubt(keyframe: &Keyframe, moved: Pose, usual: &Vector3<f64>) -> DMatrix<f64> {
+    let off = off(keyframe, moved);
+    let squared = off.component_div(usual).norm_squared();
+    let share = squared / (squared + UNUSUAL);
+    let least = Matrix3::from_diagonal(&Vector3::from(MOTION).map(|sigma| sigma * sigma));
+    let covariance: Matrix3<f64> = keyframe.tracked.covariance + off * off.transpose() * share + least;
+    let symmetric = 0.5 * (covariance + covariance.transpose());
+    DMatrix::from_column_slice(3, 3, symmetric.as_slice())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::{Motion, Travel};
+    use nalgebra::Matrix3;
+
+    /// Ten metres ahead, in steps of half a metre.
+    fn corridor() -> (Vec<Keyframe>, Vec<Pose>) {
+        let step = Pose::new(0.5, 0.0, 0.0);
+        let by_odometry = Travel::measured(step).motion(&crate::motion::MotionConfig::default(), Pose::IDENTITY);
+        let keyframe = Keyframe {
+            stamp: 0.0,
+            tiles: Vec::new(),
+            clusters: Vec::new(),
+            by_odometry,
+            tracked: Motion { mean: step, covariance: Matrix3::identity() * 1e-6 },
+        };
+        (vec![keyframe; 21], vec![step; 21])
+    }
+
+    fn bend(keyframes: &[Keyframe], motions: &[Pose], older_from_newer: Pose) -> Bent {
+        let mut path = vec![Pose::IDENTITY];
+        motions[1..].iter().for_each(|&moved| path.push(path[path.len() - 1] * moved));
+        bent(keyframes, motions, &path, &[], &Tie { older: 0, newer: 20, older_from_newer }).unwrap()
+    }
+
+    #[test]
+    fn a_loop_within_the_drift_costs_little_and_one_beyond_it_much() {
+        let (keyframes, motions) = corridor();
+        let exact = bend(&keyframes, &motions, Pose::new(10.0, 0.0, 0.0));
+        assert!(exact.cost < 1e-9, "{}", exact.cost);
+        // 20 motions and two tied scans of 1 cm and 5 cm: √(20 · 1² + 5²) = 6.7 cm along the corridor.
+        let near = bend(&keyframes, &motions, Pose::new(10.067, 0.0, 0.0));
+        assert!((near.cost - 0.5).abs() < 0.05, "{}", near.cost);
+        let far = bend(&keyframes, &motions, Pose::new(12.0, 0.0, 0.0));
+        assert!(far.cost > 100.0, "{}", far.cost);
+    }
+
+    /// One motion of all disagrees with odometry: the correction goes there.
+    #[test]
+    fn the_path_is_bent_where_it_is_in_doubt() {
+        let (keyframes, mut motions) = corridor();
+        motions[8] = Pose::new(0.5, 0.0, 0.4);
+        let Bent { path, cost } = bend(&keyframes, &motions, Pose::new(10.0, 0.0, 0.0));
+        let turns: Vec<f64> = path.windows(2).map(|pair| pair[1].seen_from(pair[0]).heading).collect();
+        assert!(turns[7].abs() < 0.05 && turns.iter().all(|turn| turn.abs() < 0.05), "{turns:?}");
+        assert!(cost < 3.0, "{cost}");
+    }
+}

@@ -1,0 +1,282 @@
+//! Loops: places that the robot comes back to are searched for, and the path is bent so that each of them is one place.
+//!
+//! Drift beyond the spread of the particles cannot be mended by particles. So while the robot drives, the walls of its last
+//! metres are laid over the older part of the map, wherever on it the robot may be (`search`). Where they fit, a pose graph
+//! bends the path (`bend`), and the map is made anew from the scans of all steps (`remake`).
+//!
+//! What was found is a hypothesis and no fact: rooms look alike. So it has to be the only place of its kind. And it has to be close
+//! enough for the drift of this drive, or the map of the bent path has to agree better with itself than before (`agreement`),
+//! or the next metres have to find the same loop.
+
+use crate::ablation::AblationConfig;
+use crate::evaluator::failover::Failover;
+use crate::evaluator::tiles::Tile;
+use crate::geometry::Pose;
+use crate::likelihood::LikelihoodConfig;
+use crate::map::MapCluster;
+use crate::map::matching::MatchingConfig;
+use crate::map::merging::MergingConfig;
+use crate::motion::Motion;
+use crate::parameters::parameters;
+use crate::ppca::Cluster;
+use crate::report::Loop;
+use agreement::agreement;
+use bend::{Bent, Tie, bent};
+use one_map::OneMap;
+use remake::remade;
+use search::{Found, Older, Query};
+
+mod agreement;
+mod bend;
+mod one_map;
+mod remake;
+mod search;
+
+parameters! {
+    /// How loops are searched for.
+    pub struct LoopConfig {
+        /// A loop is searched for each time the robot has driven this far \[m\]; 0 for never, as in the paper.
+        search_distance: f64 = 5.0, in 0.0..=f64::INFINITY;
+        /// The walls of this many metres of way are searched for \[m\]: several rooms, as one room is like another.
+        window: f64 = 10.0, in 1.0..=f64::INFINITY;
+    }
+}
+
+/// What loops take of the configuration of the filter.
+#[derive(Clone, Copy, Debug)]
+pub struct Closer {
+    /// How loops are searched for.
+    pub loops: LoopConfig,
+    /// How likely points are, as in the filter.
+    pub likelihood: LikelihoodConfig,
+    /// Which clusters are one wall, as in the filter.
+    pub matching: MatchingConfig,
+    /// When they are merged, as in the filter.
+    pub merging: MergingConfig,
+    /// What is switched to the paper's rules.
+    pub ablation: AblationConfig,
+}
+
+/// What a step of the filter leaves behind for loops.
+#[derive(Clone, Debug)]
+pub struct Keyframe {
+    /// Stamp of its scan \[s\].
+    pub stamp: f64,
+    /// The scan, in the robot's frame.
+    pub tiles: Vec<Tile>,
+    /// Its clusters, in the robot's frame.
+    pub clusters: Vec<Cluster>,
+    /// The motion since the step before, by odometry alone (eq. 17).
+    pub by_odometry: Motion,
+    /// The same motion as scans have corrected it.
+    pub tracked: Motion,
+}
+
+/// A path that closes a loop, and the map that goes with it.
+#[derive(Clone, Debug)]
+pub struct Closed {
+    /// `world_from_robot` of every step.
+    pub path: Vec<Pose>,
+    /// Its map, in the world's frame.
+    pub map: Vec<MapCluster>,
+}
+
+/// Steps along the path, a window of metres at a time.
+#[derive(Debug, Default)]
+struct Drive {
+    keyframes: Vec<Keyframe>,
+    /// Way up to each step \[m\].
+    travelled: Vec<f64>,
+}
+
+/// The last metres before a step, and what is older than them and as many metres more: there is nothing to find in what the
+/// robot can still see.
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    /// Steps before this one are older.
+    older: usize,
+    /// The first step of the window.
+    first: usize,
+    /// The last one.
+    last: usize,
+}
+
+/// Searches for loops.
+#[derive(Debug)]
+pub struct Loops {
+    config: Closer,
+    drive: Drive,
+    /// The way at the last search \[m\].
+    searched: f64,
+    older: Older,
+    /// A loop that one window alone spoke for.
+    pending: Option<Tie>,
+    found: Vec<Loop>,
+}
+
+/// Share of the walls that the older map has to explain: more than half, as it cannot have seen all of them.
+const LEAST_EXPLAINED: f64 = 0.5;
+/// A place is the only one of its kind where no other one explains more than this share of what it does.
+const ALONE: f64 = 0.5;
+/// So close together, places are the same \[m, rad\].
+const SAME: [f64; 2] = [0.3, 0.1];
+/// Half of the 99.9 % quantile of the χ² distribution of three degrees of freedom: a loop that bends the path at a lower cost
+/// \[nats\] is within the drift of this drive.
+const DRIFT: f64 = 8.13;
+/// What a loop may cost where something else speaks for it: a match that failed is off by many standard deviations \[nats\].
+const FAILURE: f64 = 100.0;
+/// The path is bent, and looked over for more places that are the same, this many times.
+const PASSES: usize = 3;
+/// A map of fewer steps is too little to search in.
+const LEAST_STEPS: usize = 5;
+
+impl Drive {
+    fn window(&self, last: usize, config: &LoopConfig) -> Option<Window> {
+        let way = self.travelled[last];
+        let before = |metres: f64| self.travelled[..=last].partition_point(|&travelled| travelled < way - metres);
+        let (older, first) = (before(2.0 * config.window), before(config.window));
+        (older >= LEAST_STEPS).then_some(Window { older, first, last })
+    }
+
+    fn query(&self, window: Window, path: &[Pose], config: &Closer) -> Option<Query> {
+        let steps = window.first..window.last + 1;
+        Query::new(&self.keyframes[steps.clone()], &path[steps], config)
+    }
+}
+
+impl Loops {
+    /// Nothing has been seen.
+    pub fn new(config: Closer) -> Self {
+        Self {
+            older: Older::new(&config),
+            config,
+            drive: Drive::default(),
+            searched: 0.0,
+            pending: None,
+            found: Vec::new(),
+        }
+    }
+
+    /// Adds a step.
+    pub fn add(&mut self, keyframe: Keyframe) {
+        if self.config.loops.search_distance > 0.0 {
+            let Pose { x, y, .. } = keyframe.tracked.mean;
+            let before = self.drive.travelled.last().copied().unwrap_or(0.0);
+            self.drive.travelled.push(before + x.hypot(y));
+            self.drive.keyframes.push(keyframe);
+        }
+    }
+
+    /// The loops that were found so far; `path` is `world_from_robot` at every step.
+    pub fn found(&self, path: &[Pose]) -> Vec<Loop> {
+        let is_closed = |found: &Loop| {
+            let older_from_robot = path[found.step as usize].seen_from(path[found.older as usize]);
+            is_near(older_from_robot, found.older_from_robot, [3.0 * SAME[0], 3.0 * SAME[1]])
+        };
+        self.found.iter().map(|found| Loop { is_closed: is_closed(found), ..*found }).collect()
+    }
+
+    /// Searches for a loop where it is time to, and closes the one that it finds. `path` is `world_from_robot` at every step.
+    pub fn close(&mut self, path: &[Pose], evaluator: &mut Failover) -> Option<Closed> {
+        let way = *self.drive.travelled.last()?;
+        if way - self.searched < self.config.loops.search_distance {
+            return None;
+        }
+        self.searched = way;
+        let window = self.drive.window(path.len() - 1, &self.config.loops)?;
+        let (found, is_alone) = self.search(window, path, evaluator)?;
+        let new = Tie::new(found.world_from_robot, path, window);
+        let bent = self.bend(path, &new, evaluator)?;
+        let is_likely = bent.gain > 0.0 || self.is_confirmed(&new, path);
+        let is_closed = is_alone && (bent.cost <= DRIFT || is_likely && bent.cost <= FAILURE);
+        if std::env::var("LOOPS").is_ok() {
+            eprintln!(
+                "Q {:.1} alone {is_alone} cost {:.2} gain {:.2} conf {} explained {:.2}",
+                self.drive.keyframes[new.newer].stamp,
+                bent.cost,
+                bent.gain,
+                self.is_confirmed(&new, path),
+                found.explained
+            );
+        }
+        self.pending = (!is_closed).then_some(new);
+        // Of places that look alike, at most one is right.
+        if !is_alone {
+            return None;
+        }
+        let [older, step] = [new.older, new.newer];
+        self.found.push(Loop {
+            stamp: self.drive.keyframes[step].stamp,
+            older_stamp: self.drive.keyframes[older].stamp,
+            step: step as u32,
+            older: older as u32,
+            older_from_robot: new.older_from_newer,
+            correction: found.distance(path[step]),
+            explained: found.explained,
+            is_closed,
+        });
+        is_closed.then(|| remade(&self.drive.keyframes, &bent.path, &self.config))
+    }
+
+    /// Another place of the older map than where the robot is thought to be that explains the window, and whether it is the only
+    /// one of its kind.
+    fn search(&mut self, window: Window, path: &[Pose], evaluator: &mut Failover) -> Option<(Found, bool)> {
+        let robot = path[window.last];
+        self.older.follow(&self.drive.keyframes[..window.older], &path[..window.older], &self.config);
+        let query = self.drive.query(window, path, &self.config)?;
+        let is_found = |found: &Found| found.explained >= LEAST_EXPLAINED;
+        let is_here = |found: &Found| is_near(found.world_from_robot, robot, SAME);
+        if self.older.search_near(&query, robot, evaluator).is_some_and(|near| is_found(&near) && is_here(&near)) {
+            return None;
+        }
+        let places = self.older.search(&query, evaluator);
+        let found = *places.first().filter(|first| is_found(first) && !is_here(first))?;
+        let is_alone = places.get(1).is_none_or(|second| second.explained < ALONE * found.explained);
+        Some((found, is_alone))
+    }
+
+    /// The path that closes this loop, and what speaks for it.
+    fn bend(&self, path: &[Pose], new: &Tie, evaluator: &mut Failover) -> Option<Hypothesis> {
+        let keyframes = &self.drive.keyframes;
+        let motions: Vec<Pose> =
+            (0..path.len()).map(|step| path[step].seen_from(path[step.saturating_sub(1)])).collect();
+        let before = agreement(&self.drive, path, &self.config, evaluator);
+        let held: Vec<Tie> = before.ties.into_iter().filter(|tie| tie.holds(path)).collect();
+        let mut ties = held.clone();
+        let mut hypothesis = Hypothesis { path: path.to_vec(), cost: f64::INFINITY, gain: 0.0 };
+        for _ in 0..PASSES {
+            let Bent { path, cost } = bent(keyframes, &motions, &hypothesis.path, &ties, new)?;
+            let after = agreement(&self.drive, &path, &self.config, evaluator);
+            // The first pass knows of no other place that the loop makes one.
+            let cost = cost.min(hypothesis.cost);
+            hypothesis = Hypothesis { path, cost, gain: after.explained - before.explained };
+            ties = after.ties.into_iter().chain(held.iter().copied()).collect();
+        }
+        Some(hypothesis)
+    }
+
+    /// Whether the last search found the same loop.
+    fn is_confirmed(&self, new: &Tie, path: &[Pose]) -> bool {
+        self.pending.is_some_and(|pending| {
+            let moved = path[new.newer].seen_from(path[pending.newer]);
+            let by_pending = path[pending.older] * pending.older_from_newer * moved;
+            is_near(path[new.older] * new.older_from_newer, by_pending, [2.0 * SAME[0], 2.0 * SAME[1]])
+        })
+    }
+}
+
+/// A path that closes a loop.
+#[derive(Debug)]
+struct Hypothesis {
+    path: Vec<Pose>,
+    /// What bending it costs \[nats\].
+    cost: f64,
+    /// By how much its map agrees better with itself than that of the path before.
+    gain: f64,
+}
+
+/// Whether two poses are this close together \[m, rad\].
+fn is_near(one: Pose, other: Pose, [distance, turn]: [f64; 2]) -> bool {
+    let off = one.seen_from(other);
+    off.x.hypot(off.y) < distance && off.heading.abs() < turn
+}

@@ -1,0 +1,45 @@
+//! A path is followed again, scan by scan, and its map made anew.
+
+use super::{Closed, Closer, Keyframe, OneMap};
+use crate::evaluator::PosePrior;
+use crate::evaluator::cpu::match_scan;
+use crate::evaluator::pose::LocalPose;
+use crate::evaluator::tiles::reach;
+use crate::geometry::Pose;
+
+/// How far off a path is that was bent \[m\]: what a pose graph spreads over a loop.
+const POSITION_SIGMA: f64 = 0.1;
+/// The same of headings \[rad\].
+const HEADING_SIGMA: f64 = 0.02;
+/// How far off a wall is still found \[m\].
+const CAPTURE_SIGMA: f64 = 0.15;
+/// Gauss-Newton steps a scan, with thick walls and with walls as they are.
+const ITERATIONS: u32 = 5;
+/// Room around the points of a scan \[m\].
+const MARGIN: f32 = 1.0;
+
+/// Matches every scan to the map of those before it, from where the path has it, and merges it.
+pub(super) fn remade(keyframes: &[Keyframe], path: &[Pose], config: &Closer) -> Closed {
+    let mut map = OneMap::new(config, CAPTURE_SIGMA);
+    let mut remade: Vec<Pose> = Vec::with_capacity(path.len());
+    for (step, (keyframe, &pose)) in keyframes.iter().zip(path).enumerate() {
+        // There is no map to match the first scan to.
+        let pose = if step == 0 { pose } else { matched(&map, keyframe, pose) };
+        map.merge(step as u32, pose, &keyframe.clusters, config);
+        remade.push(pose);
+    }
+    Closed { path: remade, map: map.clusters() }
+}
+
+fn matched(map: &OneMap, keyframe: &Keyframe, pose: Pose) -> Pose {
+    let (position, heading) = (POSITION_SIGMA.powi(-2) as f32, HEADING_SIGMA.powi(-2) as f32);
+    let information = [position, 0.0, 0.0, position, 0.0, heading];
+    let (anchor, log_outlier) = (map.table.anchor(), map.table.log_outlier());
+    let near = map.near(pose, reach(&keyframe.tiles) + MARGIN);
+    let rows = || near.iter().map(|&slot| map.table.rows()[slot as usize]);
+    let thick = rows().map(|row| row.thickened(CAPTURE_SIGMA as f32));
+    let prior = PosePrior { pose: LocalPose::new(pose, anchor), information };
+    let captured = match_scan(thick, log_outlier, &prior, &keyframe.tiles, ITERATIONS);
+    let prior = PosePrior { pose: captured.pose, ..prior };
+    match_scan(rows(), log_outlier, &prior, &keyframe.tiles, ITERATIONS).pose.in_world(anchor)
+}
