@@ -46,16 +46,22 @@ use crate::geometry::Pose;
 use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use frames::Mounting;
 use messages::{Header, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
+use plan::{OdometrySource, Plan, plan};
 use records::{Channel, Next, Records};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
-use survey::{OdometrySource, Plan, is_static, survey};
+use survey::survey;
+use transforms::is_static;
 
+mod clock;
 mod frames;
 mod messages;
+mod plan;
 mod records;
 mod survey;
+mod topics;
+mod transforms;
 
 pub(super) use records::MAGIC;
 
@@ -102,7 +108,9 @@ impl McapLog {
     /// # Errors
     /// As for [`Self::new`].
     pub fn of_files(path: PathBuf, files: Vec<PathBuf>, topics: &Topics) -> Result<Self, LogError> {
-        let plan = Arc::new(survey(&path, files.clone(), topics)?);
+        let found = survey(&path, files.clone())?;
+        let plan = plan(&found, topics).map_err(|reason| LogError::Bag { path: path.clone(), reason })?;
+        let plan = Arc::new(plan);
         Ok(Self { path, files, plan })
     }
 }
