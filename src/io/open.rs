@@ -54,8 +54,8 @@ pub fn open_log(path: impl AsRef<Path>, topics: &Topics) -> Result<Box<dyn LogSo
 
 const TO_MCAP: &str = "a bag of ROS 2 is read from MCAP: convert its folder by `ros2 bag convert` with \
                        `storage_id: mcap`, or by `rosbags-convert --src FOLDER --dst OTHER --dst-storage mcap`";
-const FROM_ROS_1: &str =
-    "a bag of ROS 2 in MCAP is needed: `rosbags-convert --src FILE --dst FOLDER --dst-storage mcap`";
+const FROM_ROS_1: &str = "a bag in MCAP is needed: `mcap convert FILE OTHER.mcap`, or `rosbags-convert --src FILE --dst \
+                          FOLDER --dst-storage mcap`";
 
 /// The MCAP files in the folder of a bag, in the order of their time: several where its `metadata.yaml` says so.
 fn files_of_bag(folder: &Path) -> Result<Vec<PathBuf>, LogError> {

@@ -420,6 +420,44 @@ fn malformed_messages_are_left_out_and_counted() {
     }
 }
 
+fn a_bag_of_ros_1_tells_the_same() {
+    let scan = |tenths: u32| changed(scan("/scan", tenths, "laser"), "ranges", json!([1.5, "nan", 3.25, 0.125]));
+    let messages = json!([
+        fixed(["base", "laser"], [0.2, -0.1, 0.3], [0.0, 0.0, 0.5]),
+        odometry("/odom", 0, 1.0, 0.25),
+        scan(1),
+        odometry("/odom", 2, 2.0, 0.75),
+        scan(3),
+    ]);
+    let moving = json!([
+        transform("/tf", 0, ["odom", "base"], [1.0, 2.0, 0.0], [0.0, 0.0, 0.5]),
+        scan(1),
+        transform("/tf", 2, ["odom", "base"], [1.5, 2.5, 0.0], [0.0, 0.0, 0.6]),
+    ]);
+    let short = raw("/scan", "sensor_msgs/LaserScan", "ros1", &"00".repeat(40));
+    let folder = bags(json!([
+        {"name": "0.mcap", "messages": messages}, {"name": "0_ros1.mcap", "ros1": true, "messages": messages},
+        {"name": "1.mcap", "messages": moving}, {"name": "1_ros1.mcap", "ros1": true, "messages": moving},
+        {"name": "short.mcap", "ros1": true, "messages": [scan(1), short, scan(2)]},
+    ]));
+    let told = |name: &str| read(&*open_log(folder.path().join(name), &TOPICS).unwrap());
+    for (name, scans, odometry) in [("0", 2, 2), ("1", 1, 2)] {
+        let (ros2, ros1) = (told(&format!("{name}.mcap")), told(&format!("{name}_ros1.mcap")));
+        assert_eq!((ros1.stats.laser, ros1.stats.odometry, ros1.stats.malformed), (scans, odometry, 0));
+        assert_eq!(ros1.stats, ros2.stats);
+        assert_eq!(ros1.entries.len(), ros2.entries.len());
+        for (index, (is, expected)) in ros1.entries.iter().zip(&ros2.entries).enumerate() {
+            assert!(same(is, expected), "{index}: {is:?} is not {expected:?}");
+        }
+        let shifted = ros1.entries.iter().zip(ros2.entries.iter().skip(1)).filter(|(a, b)| same(a, b)).count();
+        assert_eq!(shifted, 0, "the comparison rejects nothing");
+    }
+    let outcome = told("short.mcap");
+    assert_eq!((outcome.stats.laser, outcome.stats.malformed), (2, 1));
+    let first = outcome.stats.first_malformed.unwrap();
+    assert!(first.contains("/scan: it is shorter than its fields"), "{first}");
+}
+
 fn ranges_that_are_none_are_marked() {
     let ranges = json!([0.25, 0.5, 7.5, 8.0, 9.0, "nan", "inf", "-inf", -1.0]);
     let folder = bags(json!([
@@ -682,6 +720,6 @@ fn the_program_maps_a_bag() {
 crate::needs::trials! {
     "mcap":
     DataAndPython { a_bag_tells_what_the_carmen_log_told, a_bag_gives_the_map_of_the_carmen_log, a_bag_in_several_files_is_read_as_its_metadata_tells, the_program_maps_a_bag }
-    Python { odometry_at_a_scan_lies_between_its_neighbours, where_the_laser_is_mounted, the_user_chooses_among_topics, malformed_messages_are_left_out_and_counted, ranges_that_are_none_are_marked, a_bag_that_was_cut_off_is_read_as_far_as_it_goes, a_damaged_chunk_is_left_out, folders_of_bags }
+    Python { odometry_at_a_scan_lies_between_its_neighbours, where_the_laser_is_mounted, the_user_chooses_among_topics, malformed_messages_are_left_out_and_counted, a_bag_of_ros_1_tells_the_same, ranges_that_are_none_are_marked, a_bag_that_was_cut_off_is_read_as_far_as_it_goes, a_damaged_chunk_is_left_out, folders_of_bags }
     Nothing { sizes_are_not_taken_at_their_word, the_seeds_are_bags, any_damage_is_survived, a_log_is_known_by_its_content }
 }

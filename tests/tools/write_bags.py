@@ -1,4 +1,4 @@
-"""Writes ROS 2 bags in MCAP files for tests/mcap.rs, with writers that know nothing of ipslam.
+"""Writes bags of ROS 2 and ROS 1 in MCAP files for tests/formats/mcap.rs, with writers that know nothing of ipslam.
 
     write_bags.py spec SPEC.json            the bags that a JSON file describes
     write_bags.py carmen LOG.gz COUNT DIR   the first COUNT FLASER messages of a CARMEN log, in several ways
@@ -89,11 +89,14 @@ KINDS = {
 }
 
 
-def encoded(m, little_endian):
+def encoded(m, little_endian, ros1=False):
     """Type, encoding and bytes of a message."""
     if m["kind"] == "raw":
         return m["schema"], m["encoding"], bytes.fromhex(m["data"])
     name, make = KINDS[m["kind"]]
+    if ros1:
+        data = STORE.cdr_to_ros1(STORE.serialize_cdr(make(m), name), name)
+        return name.replace("/msg/", "/"), "ros1", bytes(data)
     return name, "cdr", bytes(STORE.serialize_cdr(make(m), name, little_endian=little_endian))
 
 
@@ -106,12 +109,13 @@ def write_file(bag):
             use_chunking=bag.get("chunked", True),
             enable_crcs=bag.get("checksums", True),
         )
-        writer.start(profile="ros2", library="test")
+        ros1 = bag.get("ros1", False)
+        writer.start(profile="ros1" if ros1 else "ros2", library="test")
         schemas, channels = {}, {}
         for log_time, m in enumerate(bag["messages"]):
-            name, encoding, data = encoded(m, bag.get("little_endian", True))
+            name, encoding, data = encoded(m, bag.get("little_endian", True), ros1)
             if name not in schemas:
-                schemas[name] = writer.register_schema(name, "ros2msg", b"# not read")
+                schemas[name] = writer.register_schema(name, "ros1msg" if ros1 else "ros2msg", b"# not read")
             if m["topic"] not in channels:
                 channels[m["topic"]] = writer.register_channel(m["topic"], encoding, schemas[name])
             writer.add_message(channels[m["topic"]], log_time, data, log_time)

@@ -1,4 +1,5 @@
-//! ROS 2 bags in MCAP files (`.mcap`), with chunks packed by zstd, lz4 or not at all.
+//! ROS 2 bags in MCAP files (`.mcap`), with chunks packed by zstd, lz4 or not at all; bags of ROS 1 that were converted to
+//! MCAP are read as well.
 //!
 //! In: a file, or the files of a bag one after the other. Out: its odometry and laser sweeps as [`LogEntry`]s in the order
 //! of their stamps, metres, radians and seconds, stamped with the messages' `header.stamp`. Messages and chunks that cannot
@@ -59,6 +60,7 @@ mod frames;
 mod messages;
 mod plan;
 mod records;
+mod ros1;
 mod survey;
 mod topics;
 mod transforms;
@@ -207,14 +209,14 @@ impl McapReader {
         let stamp_of = |header: &Header| if plan.clocks_differ.is_some() { Ok(received) } else { header.stamp() };
         match &plan.odometry {
             OdometrySource::Messages { topic } if *topic == channel.topic && channel.schema == ODOMETRY => {
-                let message: Odometry = messages::decode(data)?;
+                let message: Odometry = messages::decode(channel, data)?;
                 let (stamp, odom_from_robot) = (stamp_of(&message.header)?, message.pose.pose()?);
                 self.odometry.push_back(StampedOdometry { stamp, odom_from_robot });
             }
             OdometrySource::Transforms { odom, robot, .. }
                 if channel.schema == TRANSFORMS && !is_static(&channel.topic) =>
             {
-                let message: Transforms = messages::decode(data)?;
+                let message: Transforms = messages::decode(channel, data)?;
                 for stamped in &message.transforms {
                     if stamped.header.frame() == odom && stamped.child_frame() == robot {
                         let (stamp, odom_from_robot) = (stamp_of(&stamped.header)?, stamped.transform.pose()?);
@@ -223,7 +225,7 @@ impl McapReader {
                 }
             }
             _ if channel.topic == plan.scan_topic && channel.schema == LASER_SCAN => {
-                let message: LaserScan = messages::decode(data)?;
+                let message: LaserScan = messages::decode(channel, data)?;
                 let stamp = stamp_of(&message.header)?;
                 let mounting = plan.mountings.get(message.header.frame()).copied().flatten();
                 let reading = reading(stamp, &message, mounting)?;

@@ -4,6 +4,7 @@
 //! of the data section; the summary behind it repeats what was read. No size that a file tells is taken at its word:
 //! memory grows with the bytes that are really there, up to a limit.
 
+use super::ros1::ros2_name;
 use crc32fast::hash as crc32;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -32,9 +33,9 @@ const DATA_END: u8 = 0x0f;
 #[derive(Debug)]
 pub(super) struct Channel {
     pub(super) topic: String,
-    /// Type of the messages: `sensor_msgs/msg/LaserScan`.
+    /// Type of the messages, as ROS 2 calls it: `sensor_msgs/msg/LaserScan`.
     pub(super) schema: String,
-    /// How the messages are written: `cdr`.
+    /// How the messages are written: `cdr`, or `ros1`.
     pub(super) encoding: String,
 }
 
@@ -211,6 +212,7 @@ impl Records {
         let id = u16::from_le_bytes(fields.number()?);
         let schema = self.schemas.get(&u16::from_le_bytes(fields.number()?)).cloned().unwrap_or_default();
         let (topic, encoding) = (fields.text()?, fields.text()?);
+        let schema = if encoding == "ros1" { ros2_name(&schema) } else { schema };
         self.channels.insert(id, Arc::new(Channel { topic, schema, encoding }));
         Some(())
     }
@@ -287,23 +289,23 @@ fn unpack(body: &[u8]) -> Result<Vec<u8>, String> {
 }
 
 /// The fields of a record that were not read yet; numbers are little-endian.
-struct Fields<'a>(&'a [u8]);
+pub(super) struct Fields<'a>(pub(super) &'a [u8]);
 
 impl<'a> Fields<'a> {
-    fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
+    pub(super) fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
         let (bytes, rest) = self.0.split_at_checked(count)?;
         self.0 = rest;
         Some(bytes)
     }
 
-    fn number<const BYTES: usize>(&mut self) -> Option<[u8; BYTES]> {
+    pub(super) fn number<const BYTES: usize>(&mut self) -> Option<[u8; BYTES]> {
         let (bytes, rest) = self.0.split_first_chunk()?;
         self.0 = rest;
         Some(*bytes)
     }
 
     /// A text with its length before it.
-    fn text(&mut self) -> Option<String> {
+    pub(super) fn text(&mut self) -> Option<String> {
         let length = u32::from_le_bytes(self.number()?);
         let bytes = self.bytes(usize::try_from(length).ok()?)?;
         Some(String::from_utf8_lossy(bytes).into_owned())

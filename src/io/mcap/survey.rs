@@ -49,17 +49,17 @@ impl Survey {
         let Some(topic) = self.topics.count(channel) else { return };
         match &*channel.schema {
             LASER_SCAN => {
-                if let Ok(scan) = messages::decode::<LaserScan>(data) {
+                if let Ok(scan) = messages::decode::<LaserScan>(channel, data) {
                     topic.add(scan.header.stamp(), received, scan.header.frame());
                 }
             }
             ODOMETRY => {
-                if let Ok(odometry) = messages::decode::<Odometry>(data) {
+                if let Ok(odometry) = messages::decode::<Odometry>(channel, data) {
                     topic.add(odometry.header.stamp(), received, odometry.child_frame());
                 }
             }
             TRANSFORMS => {
-                if let Ok(message) = messages::decode::<Transforms>(data) {
+                if let Ok(message) = messages::decode::<Transforms>(channel, data) {
                     // Of many frames one tells the clock of the topic.
                     if let Some(stamped) = message.transforms.first() {
                         topic.add(stamped.header.stamp(), received, "");

@@ -19,6 +19,7 @@ pub(super) struct SeenTopics(BTreeMap<String, Topic>);
 pub(super) struct Topic {
     pub(super) schema: String,
     encoding: String,
+    is_understood: bool,
     messages: u64,
     /// The frames whose readings these are: of lasers, or of the robot.
     pub(super) frames: BTreeSet<String>,
@@ -42,7 +43,7 @@ impl Topic {
     }
 
     fn is_of(&self, schema: &str) -> bool {
-        self.schema == schema && self.encoding == "cdr"
+        self.schema == schema && self.is_understood
     }
 }
 
@@ -51,7 +52,15 @@ impl SeenTopics {
     pub(super) fn count(&mut self, channel: &Channel) -> Option<&mut Topic> {
         if !self.0.contains_key(&channel.topic) && self.0.len() < MAX_TOPICS {
             let (schema, encoding) = (channel.schema.clone(), channel.encoding.clone());
-            let new = Topic { schema, encoding, messages: 0, frames: BTreeSet::new(), clock: Clock::default() };
+            let is_understood = channel.is_understood();
+            let new = Topic {
+                schema,
+                encoding,
+                is_understood,
+                messages: 0,
+                frames: BTreeSet::new(),
+                clock: Clock::default(),
+            };
             self.0.insert(channel.topic.clone(), new);
         }
         let topic = self.0.get_mut(&channel.topic)?;
@@ -93,9 +102,12 @@ impl SeenTopics {
     fn listed(&self, which: impl Fn(&Topic) -> bool) -> String {
         let listed = self.0.iter().filter(|(_, topic)| which(topic));
         let listed: Vec<_> = listed
-            .map(|(name, Topic { schema, encoding, messages, .. })| {
-                let encoded =
-                    if encoding == "cdr" { String::new() } else { format!(", encoded as {encoding:.20}, not cdr") };
+            .map(|(name, Topic { schema, encoding, is_understood, messages, .. })| {
+                let encoded = if *is_understood {
+                    String::new()
+                } else {
+                    format!(", encoded as {encoding:.20}, not cdr or ros1")
+                };
                 format!("{name:.100} ({schema:.100}, {messages} messages{encoded})")
             })
             .collect();
