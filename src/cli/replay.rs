@@ -3,7 +3,7 @@
 use super::backend::BackendArgs;
 use super::configuration::ConfigArgs;
 use super::recording::RecordLevel;
-use super::run::ThreadArgs;
+use super::run::{GridArgs, ThreadArgs};
 use super::truth::TruthArgs;
 use std::path::PathBuf;
 
@@ -24,6 +24,8 @@ pub struct ReplayArgs {
     threads: ThreadArgs,
     #[command(flatten)]
     truth: TruthArgs,
+    #[command(flatten)]
+    grid: GridArgs,
     /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME OF THE RECORDING-replayed]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -58,7 +60,6 @@ mod with_recorder {
     use super::ReplayArgs;
     use anyhow::{bail, ensure};
     use ipslam::config::{Config, SlamConfig};
-    use ipslam::grid::RESOLUTION;
     use ipslam::log::LogSource as _;
     use ipslam::pipeline::{Outcome, RunInfo};
     use ipslam::record::rerun::RerunObserver;
@@ -73,7 +74,7 @@ mod with_recorder {
     pub fn replay(args: &ReplayArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         let recorded = RecordedRun::open(&args.recording)?;
         let shown = args.recording.display();
-        ensure!(!recorded.entries().is_empty(), "{shown}: it holds no log: nothing was recorded before it broke off");
+        ensure!(recorded.entries > 0, "{shown}: it holds no log: nothing was recorded before it broke off");
         let Config::Slam(recorded_config) = recorded.info.config else {
             bail!("{shown}: of a localisation; only what `ipslam run` recorded is replayed")
         };
@@ -111,7 +112,7 @@ mod with_recorder {
             config: &config,
             max_scans: None,
             truth: &truth,
-            cell_size: RESOLUTION,
+            cell_size: args.grid.cell_size,
             smooth,
             quiet: args.json,
         };
@@ -208,7 +209,7 @@ mod with_recorder {
             let shorter = (was.len() != is.len()).then_some(was.len().min(is.len()) as u32);
             let first_difference = was.iter().zip(is).find(differ).map(|(was, _)| was.step).or(shorter);
             let distances: Vec<f64> = recorded
-                .trajectory()
+                .trajectory
                 .iter()
                 .zip(mapped.result.trajectory())
                 .map(|(was, is)| (was - is.pose.position()).norm())

@@ -11,14 +11,16 @@
 use crate::pipeline::RunInfo;
 use crate::report::{Event, Observer};
 use ::rerun::blueprint::BlueprintActivation;
-use ::rerun::sink::SinkFlushError;
+use ::rerun::sink::{FileSink, FileSinkError, FileSinkOptions, SinkFlushError};
 use ::rerun::{DEFAULT_CONNECT_URL, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 use log::Recorder;
-use read::RecordedRun;
+use read::{ReadError, RecordedRun};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 pub mod blueprint;
+mod chunks;
+mod entries;
 mod frames;
 mod log;
 pub mod read;
@@ -71,6 +73,9 @@ pub enum RecordError {
         /// What was wrong.
         reason: String,
     },
+    /// The recording that was run again cannot be read any more.
+    #[error(transparent)]
+    Read(#[from] ReadError),
     /// The recording cannot be set up.
     #[error("the recording cannot be started: {0}; run without recording")]
     Start(#[from] RecordingStreamError),
@@ -140,7 +145,7 @@ impl RerunObserver {
         blueprint::comparison_blueprint().send(&stream, BlueprintActivation::default())?;
         // How two runs share a plot is not how one has it alone.
         blueprint::log_styles(&stream, blueprint::RECORDED)?;
-        recorded.send(&stream, blueprint::RECORDED);
+        recorded.send(&stream, blueprint::RECORDED)?;
         Self::start(stream, blueprint::REPLAYED, level, info, FULL_DISK, begun, failed)
     }
 
@@ -232,12 +237,13 @@ fn file(
 ) -> Result<(RecordingStream, impl Fn(String) -> RecordError + use<>), RecordError> {
     let named = path.to_owned();
     let failed = move |reason: String| RecordError::File { path: named.clone(), reason };
-    let stream = builder(name).save(partial).map_err(|error| match error {
-        RecordingStreamError::FileSink(::rerun::sink::FileSinkError::CreateFile { source, .. }) => {
-            failed(source.to_string())
-        }
-        other => failed(other.to_string()),
-    })?;
+    // The footer that a file has by default lists every chunk, and is kept in memory until the end.
+    let sink =
+        FileSink::with_options(partial, FileSinkOptions { write_footer: false }).map_err(|error| match error {
+            FileSinkError::CreateFile { source, .. } => failed(source.to_string()),
+            other => failed(other.to_string()),
+        })?;
+    let stream = builder(name).set_sinks((sink,)).map_err(|error| failed(error.to_string()))?;
     // By default the recording carries the time of the computer, as another timeline.
     stream.set_log_time_enabled(false);
     Ok((stream, failed))

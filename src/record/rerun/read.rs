@@ -1,25 +1,22 @@
 //! Reads a recording back: what the run was started with, its log, and what every step found.
 //!
-//! The log in a recording is a [`LogSource`] like any other. A recording that breaks off, because the run or the machine
+//! The log in a recording is a [`LogSource`] like any other, and no more of it is in memory than of any other. A recording that breaks off, because the run or the machine
 //! was stopped, is read as far as it goes.
 
 use super::blueprint;
-use super::frames::{WholeFrames, whole_frames};
+use super::chunks::Chunks;
+use super::entries::{Entries, RecordedReader};
 use super::log::About;
 use crate::config::ConfigError;
 use crate::geometry::Pose;
-use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
+use crate::log::{LogError, LogReader, LogSource, LogStats};
 use crate::pipeline::RunInfo;
 use crate::report::{StageTimes, StepReport};
 use ::rerun::components::{LineStrip2D, Scalar, Text};
 use ::rerun::log::Chunk;
-use ::rerun::{
-    ChunkStore, ChunkStoreConfig, ComponentDescriptor, LineStrips2D, RecordingStream, Scalars, StoreKind, TextDocument,
-    TimelineName,
-};
+use ::rerun::{LineStrips2D, RecordingStream, Scalars, TextDocument, TimelineName};
 use nalgebra::Point2;
 use std::collections::BTreeMap;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -94,20 +91,25 @@ pub struct RecordedResult {
     pub is_smoothed: bool,
 }
 
-/// A run, read back.
+/// A run, read back. Its log stays in the file and is read from there.
 #[derive(Debug)]
 pub struct RecordedRun {
-    name: String,
-    store: ChunkStore,
-    entries: Arc<[LogEntry]>,
+    path: PathBuf,
+    /// Where the frames of the log begin in the file.
+    places: Arc<[u64]>,
     /// Version of the program that recorded it.
     pub version: String,
     /// What it was started with.
     pub info: RunInfo,
+    /// Entries of its log.
+    pub entries: u64,
     /// Its steps, in their order.
     pub steps: Vec<RecordedStep>,
     /// Its result; none where the recording breaks off before.
     pub result: Option<RecordedResult>,
+    /// Positions of the final trajectory, one for each laser and odometry reading \[m\]; rounded to f32, and empty where
+    /// the recording breaks off.
+    pub trajectory: Vec<Point2<f64>>,
 }
 
 impl RecordedRun {
@@ -116,25 +118,21 @@ impl RecordedRun {
     /// # Errors
     /// The file cannot be opened, is no recording, or one that does not tell how the run was made.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let open = |source| ReadError::Open { path: path.to_owned(), source };
         let not = |reason: &str| ReadError::NotARecording { path: path.to_owned(), reason: reason.to_owned() };
-        let mut file = std::fs::File::open(path).map_err(open)?;
-        if file.metadata().map_err(open)?.is_dir() {
-            return Err(open(std::io::ErrorKind::IsADirectory.into()));
+        let (mut about, mut trajectory) = (None, None);
+        let (mut entries, mut numbers) = (Entries::default(), Numbers::default());
+        let mut places = Vec::new();
+        for chunk in Chunks::open(path)? {
+            let (place, chunk) = chunk?;
+            if entries.add(&chunk).ok_or_else(|| not("its log is damaged"))? {
+                places.push(place);
+            }
+            while entries.pop().is_some() {}
+            numbers.add(&chunk);
+            about = about.or_else(|| text(&chunk, blueprint::ABOUT));
+            trajectory = trajectory.or_else(|| positions(&chunk, blueprint::TRAJECTORY));
         }
-        let WholeFrames { bytes, damage } = whole_frames(&mut file).map_err(open)?;
-        let stores = ChunkStore::from_rrd_reader(&ChunkStoreConfig::ALL_DISABLED, &mut file.take(bytes))
-            .map_err(|error| not(&format!("{error:#}")))?;
-        let recordings = stores.into_iter().filter(|(id, _)| id.kind() == StoreKind::Recording);
-        let mut recordings: Vec<ChunkStore> = recordings.map(|(_, store)| store).collect();
-        let nothing = damage.unwrap_or_else(|| "it holds no recording".to_owned());
-        let store = recordings.pop().ok_or_else(|| not(&nothing))?;
-        if !recordings.is_empty() {
-            return Err(not("it holds several recordings"));
-        }
-
-        let columns = Columns(&store);
-        let about = columns.text(blueprint::ABOUT).ok_or_else(|| not("it does not tell how the run was made"))?;
+        let about = about.ok_or_else(|| not("it does not tell how the run was made"))?;
         let About { version, log, device, configuration: config } =
             toml::from_str(&about).map_err(|error| not(&format!("its configuration is not understood: {error}")))?;
         let unusable = |source| ReadError::Configuration {
@@ -143,193 +141,125 @@ impl RecordedRun {
             source: Box::new(source),
         };
         config.validate().map_err(unusable)?;
-        let entries = columns.entries().ok_or_else(|| not("its log is damaged"))?.into();
-        let (steps, result) = (columns.steps(), columns.result());
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { name, store, entries, version, info: RunInfo { log, device, config }, steps, result })
-    }
-
-    /// Entries of the log.
-    pub fn entries(&self) -> &[LogEntry] {
-        &self.entries
-    }
-
-    /// Positions of the final trajectory, one for each laser and odometry reading \[m\]; rounded to f32, and empty where
-    /// the recording breaks off.
-    pub fn trajectory(&self) -> Vec<Point2<f64>> {
-        let component = LineStrips2D::descriptor_strips().component;
-        let of_chunk = |chunk: &Arc<Chunk>| {
-            let strips = chunk.iter_component::<LineStrip2D>(component).next()?;
-            let corners = strips.as_slice().first()?.0.iter();
-            Some(corners.map(|corner| Point2::new(f64::from(corner.x()), f64::from(corner.y()))).collect())
-        };
-        let chunks = Columns(&self.store);
-        let mut chunks = chunks.chunks(blueprint::TRAJECTORY).filter(|chunk| !chunk.is_static());
-        chunks.find_map(of_chunk).unwrap_or_default()
+        Ok(Self {
+            path: path.to_owned(),
+            places: places.into(),
+            version,
+            info: RunInfo { log, device, config },
+            entries: entries.count(),
+            steps: numbers.steps(),
+            result: numbers.result(),
+            trajectory: trajectory.unwrap_or_default(),
+        })
     }
 
     /// Sends everything that belongs to a step to another recording, with paths that lie under `root`.
-    pub(super) fn send(&self, stream: &RecordingStream, root: &str) {
-        let shown = |chunk: &&Arc<Chunk>| {
+    pub(super) fn send(&self, stream: &RecordingStream, root: &str) -> Result<(), ReadError> {
+        for chunk in Chunks::open(&self.path)? {
+            let (_, chunk) = chunk?;
             let path = chunk.entity_path().to_string();
-            !chunk.is_static() && ["/world", "/plots"].iter().any(|shown| path.starts_with(shown))
-        };
-        for chunk in self.store.iter_physical_chunks().filter(shown) {
-            let path = blueprint::under(root, chunk.entity_path().to_string().trim_start_matches('/'));
-            stream.send_chunk(chunk.clone_with_new_entity_path(path.into()));
+            if !chunk.is_static() && ["/world", "/plots"].iter().any(|shown| path.starts_with(shown)) {
+                let path = blueprint::under(root, path.trim_start_matches('/'));
+                stream.send_chunk(chunk.clone_with_new_entity_path(path.into()));
+            }
         }
+        Ok(())
     }
 }
 
 impl LogSource for RecordedRun {
     fn name(&self) -> String {
-        self.name.clone()
+        self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
     }
 
     fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
-        Ok(Box::new(RecordedReader { entries: Arc::clone(&self.entries), stats: LogStats::default() }))
+        let path = self.path.clone();
+        let open_error = |error| LogError::Open { path: path.clone(), source: std::io::Error::other(error) };
+        let chunks = Chunks::open(&path).map_err(open_error)?.at(Arc::clone(&self.places));
+        let (entries, stats) = (Entries::default(), LogStats::default());
+        Ok(Box::new(RecordedReader { path, chunks, entries, stats, all: self.entries }))
     }
 }
 
-/// The entries of a recorded log.
-struct RecordedReader {
-    entries: Arc<[LogEntry]>,
-    /// Its lines are the entries that were handed out.
-    stats: LogStats,
+/// The text that a chunk holds, if it is of this path.
+fn text(chunk: &Chunk, path: &str) -> Option<String> {
+    if *chunk.entity_path() != path.into() {
+        return None;
+    }
+    let texts = chunk.iter_component::<Text>(TextDocument::descriptor_text().component).next()?;
+    texts.as_slice().first().map(|text| text.as_str().to_owned())
 }
 
-impl Iterator for RecordedReader {
-    type Item = Result<LogEntry, LogError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let entry = self.entries.get(self.stats.lines as usize)?.clone();
-        self.stats.lines += 1;
-        match entry {
-            LogEntry::Laser(_) => self.stats.laser += 1,
-            LogEntry::Odometry { .. } => self.stats.odometry += 1,
-            LogEntry::Truth { .. } => {}
-        }
-        Some(Ok(entry))
+/// The corners of the first line that a chunk holds, if it is of this path.
+fn positions(chunk: &Chunk, path: &str) -> Option<Vec<Point2<f64>>> {
+    if chunk.is_static() || *chunk.entity_path() != path.into() {
+        return None;
     }
+    let strips = chunk.iter_component::<LineStrip2D>(LineStrips2D::descriptor_strips().component).next()?;
+    let corners = strips.as_slice().first()?.0.iter();
+    Some(corners.map(|corner| Point2::new(f64::from(corner.x()), f64::from(corner.y()))).collect())
 }
 
-impl LogReader for RecordedReader {
-    fn stats(&self) -> &LogStats {
-        &self.stats
-    }
-
-    fn progress(&self) -> Option<(u64, u64)> {
-        Some((self.stats.lines, self.entries.len() as u64))
-    }
+/// The rows of numbers that a chunk holds, each with its time on a timeline.
+pub(super) fn rows(chunk: &Chunk, timeline: &'static str) -> Vec<(i64, Vec<f64>)> {
+    let component = Scalars::descriptor_scalars().component;
+    let times = chunk.iter_component_indices(TimelineName::from(timeline), component);
+    let numbers = chunk.iter_component::<Scalar>(component);
+    let row = |numbers: &[Scalar]| numbers.iter().map(|number| number.0.0).collect();
+    times.zip(numbers).map(|((time, _), numbers)| (time.as_i64(), row(numbers.as_slice()))).collect()
 }
 
-/// What the paths of a recording hold.
-struct Columns<'a>(&'a ChunkStore);
+/// The numbers that are recorded of each step, by path.
+#[derive(Default)]
+struct Numbers(BTreeMap<&'static str, BTreeMap<i64, Vec<f64>>>);
 
-impl Columns<'_> {
-    fn chunks(&self, path: &str) -> impl Iterator<Item = &Arc<Chunk>> {
-        let path = path.into();
-        self.0.iter_physical_chunks().filter(move |chunk| chunk.entity_path() == &path)
+impl Numbers {
+    const PATHS: [&'static str; 6] = [
+        blueprint::POSE,
+        blueprint::CHECKSUM,
+        blueprint::EFFECTIVE_SAMPLE_SIZE,
+        blueprint::CLUSTERS,
+        blueprint::SECONDS,
+        blueprint::RESULT,
+    ];
+
+    fn add(&mut self, chunk: &Chunk) {
+        let is_of = |path: &&&str| *chunk.entity_path() == (**path).into();
+        if let Some(path) = Self::PATHS.iter().find(is_of)
+            && !chunk.is_static()
+        {
+            self.0.entry(path).or_default().extend(rows(chunk, blueprint::STEP_TIMELINE));
+        }
     }
 
-    fn text(&self, path: &str) -> Option<String> {
-        let component = TextDocument::descriptor_text().component;
-        let of_chunk = |chunk: &Arc<Chunk>| {
-            let texts = chunk.iter_component::<Text>(component).next()?;
-            texts.as_slice().first().map(|text| text.as_str().to_owned())
-        };
-        self.chunks(path).find_map(of_chunk)
-    }
-
-    /// Rows of numbers, by their time on a timeline.
-    fn rows(&self, path: &str, timeline: &'static str) -> BTreeMap<i64, Vec<f64>> {
-        let ComponentDescriptor { component, .. } = Scalars::descriptor_scalars();
-        let mut rows = BTreeMap::new();
-        for chunk in self.chunks(path).filter(|chunk| !chunk.is_static()) {
-            let times = chunk.iter_component_indices(TimelineName::from(timeline), component);
-            let numbers = chunk.iter_component::<Scalar>(component);
-            for ((time, _), numbers) in times.zip(numbers) {
-                rows.insert(time.as_i64(), numbers.as_slice().iter().map(|number| number.0.0).collect());
-            }
-        }
-        rows
-    }
-
-    /// The log. `None` where a row has another length than it can have.
-    fn entries(&self) -> Option<Vec<LogEntry>> {
-        let mut entries: BTreeMap<i64, LogEntry> = BTreeMap::new();
-        for (entry, row) in self.rows(blueprint::LASER, blueprint::ENTRY_TIMELINE) {
-            let (
-                &[
-                    x,
-                    y,
-                    heading,
-                    stamp,
-                    ahead,
-                    left,
-                    turned,
-                    first_angle,
-                    angle_step,
-                    max_range,
-                    forward,
-                    sideways,
-                    turn,
-                ],
-                ranges,
-            ) = row.split_first_chunk::<13>()?;
-            let reading = LaserReading {
-                stamp,
-                odom_from_robot: exactly(x, y, heading),
-                robot_from_laser: exactly(ahead, left, turned),
-                start_from_end: exactly(forward, sideways, turn),
-                first_angle,
-                angle_step,
-                max_range,
-                ranges: ranges.to_vec(),
-            };
-            entries.insert(entry, LogEntry::Laser(reading));
-        }
-        for (entry, row) in self.rows(blueprint::ODOMETRY_READING, blueprint::ENTRY_TIMELINE) {
-            let [x, y, heading, stamp] = row.try_into().ok()?;
-            entries.insert(entry, LogEntry::Odometry { stamp, odom_from_robot: exactly(x, y, heading) });
-        }
-        for (entry, row) in self.rows(blueprint::TRUTH, blueprint::ENTRY_TIMELINE) {
-            let [x, y, heading, stamp] = row.try_into().ok()?;
-            entries.insert(entry, LogEntry::Truth { stamp, world_from_robot: exactly(x, y, heading) });
-        }
-        // What follows a gap came after something that is lost.
-        let whole = (0..).zip(entries).take_while(|(number, (entry, _))| number == entry);
-        Some(whole.map(|(_, (_, entry))| entry).collect())
+    fn of(&self, path: &str, step: i64) -> Option<&[f64]> {
+        self.0.get(path)?.get(&step).map(Vec::as_slice)
     }
 
     fn steps(&self) -> Vec<RecordedStep> {
-        let rows = |path| self.rows(path, blueprint::STEP_TIMELINE);
-        let [checksums, sizes, clusters, seconds] =
-            [blueprint::CHECKSUM, blueprint::EFFECTIVE_SAMPLE_SIZE, blueprint::CLUSTERS, blueprint::SECONDS].map(rows);
-        let step = |(step, pose): (i64, Vec<f64>)| {
-            let [x, y, heading] = pose.try_into().ok()?;
-            let seconds = seconds.get(&step)?.as_slice().try_into().ok()?;
+        let step = |(&step, pose): (&i64, &Vec<f64>)| {
+            let &[x, y, heading] = pose.as_array()?;
             Some(RecordedStep {
                 step: step as u32,
                 world_from_robot: exactly(x, y, heading),
-                checksum: *checksums.get(&step)?.first()? as u32,
-                effective_sample_size: *sizes.get(&step)?.first()?,
-                clusters: *clusters.get(&step)?.first()? as usize,
-                times: StageTimes::from_seconds(seconds),
+                checksum: *self.of(blueprint::CHECKSUM, step)?.first()? as u32,
+                effective_sample_size: *self.of(blueprint::EFFECTIVE_SAMPLE_SIZE, step)?.first()?,
+                clusters: *self.of(blueprint::CLUSTERS, step)?.first()? as usize,
+                times: StageTimes::from_seconds(self.of(blueprint::SECONDS, step)?.try_into().ok()?),
             })
         };
         // The last step may have been written in part.
-        rows(blueprint::POSE).into_iter().map_while(step).collect()
+        self.0.get(blueprint::POSE).into_iter().flatten().map_while(step).collect()
     }
 
     fn result(&self) -> Option<RecordedResult> {
-        let (_, row) = self.rows(blueprint::RESULT, blueprint::STEP_TIMELINE).pop_last()?;
-        let [checksum, is_smoothed] = row.try_into().ok()?;
+        let (_, row) = self.0.get(blueprint::RESULT)?.last_key_value()?;
+        let &[checksum, is_smoothed] = row.as_array()?;
         Some(RecordedResult { checksum: checksum as u32, is_smoothed: is_smoothed == 1.0 })
     }
 }
 
 /// A pose as it was: its heading is not wrapped again.
-fn exactly(x: f64, y: f64, heading: f64) -> Pose {
+pub(super) fn exactly(x: f64, y: f64, heading: f64) -> Pose {
     Pose { x, y, heading }
 }
