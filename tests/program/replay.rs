@@ -2,6 +2,7 @@
 use ipslam::config::{Config, SlamConfig};
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::pipeline::RunInfo;
+use ipslam::random::{self, Draw};
 use ipslam::record::rerun::read::{ReadError, RecordedRun};
 use ipslam::record::rerun::{Level, RerunObserver};
 use ipslam::report::{Estimator as _, Event, Observer, StepReport};
@@ -24,11 +25,20 @@ fn entries(count: usize) -> Vec<LogEntry> {
     Simulation::building(1).open().unwrap().take(count).map(Result::unwrap).collect()
 }
 
-/// Records a drive; `change` may lie about a step.
+/// Records a drive.
 fn record(path: &Path, level: Level, change: impl Fn(&mut StepReport<'_>)) -> Vec<LogEntry> {
+    record_entries(path, level, entries(400), change)
+}
+
+/// Records these entries; `change` may lie about a step.
+fn record_entries(
+    path: &Path,
+    level: Level,
+    entries: Vec<LogEntry>,
+    change: impl Fn(&mut StepReport<'_>),
+) -> Vec<LogEntry> {
     let mut observer = RerunObserver::to_file(path, &info(), level).unwrap();
     let mut slam = Slam::new(config());
-    let entries = entries(400);
     for entry in &entries {
         observer.on_event(&Event::Entry(entry));
         slam.add(entry, &mut |event| {
@@ -162,6 +172,40 @@ fn what_is_no_recording_is_an_error() {
         let error = text(&done.stderr);
         assert!(done.status.code() == Some(1) && error.contains(expected) && error.contains(name), "{error}");
     }
+}
+
+/// Bits that flip, bytes that are overwritten, an end that is missing: what can be read is read, and the rest is an error.
+#[test]
+fn any_damage_is_survived() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.rrd");
+    record_entries(&path, Level::Light, entries(40), |_| ());
+    let whole = std::fs::read(&path).unwrap();
+    let (mut read, mut refused) = (0, 0);
+    for trial in 0..150 {
+        let [place, what, ..] = random::bits(6, 0, trial, Draw::Motion);
+        let place = place as usize % whole.len();
+        let mut bytes = whole.clone();
+        match trial % 3 {
+            0 => bytes[place] ^= 1 << (what % 8),
+            1 => bytes.truncate(place),
+            _ => bytes[place..].iter_mut().zip(what.to_le_bytes()).for_each(|(byte, new)| *byte = new),
+        }
+        std::fs::write(&path, bytes).unwrap();
+        match RecordedRun::open(&path) {
+            Ok(run) => {
+                let readable = LogSource::open(&run).unwrap().filter(Result::is_ok).count();
+                assert_eq!(readable as u64, run.entries, "trial {trial}");
+                read += 1;
+            }
+            Err(error) => {
+                assert!(error.to_string().contains("run.rrd"), "trial {trial}: {error}");
+                refused += 1;
+            }
+        }
+    }
+    println!("{read} were read, {refused} refused");
+    assert!(read > 10 && refused > 10, "{read} were read, {refused} refused");
 }
 
 /// Records steps until it is killed, if it was started for that.

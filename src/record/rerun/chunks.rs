@@ -6,8 +6,10 @@ use ::rerun::StoreKind;
 use ::rerun::external::re_log_encoding::DecoderApp;
 use ::rerun::external::re_log_types::{LogMsg, StoreId};
 use ::rerun::log::Chunk;
+use std::fmt::Display;
 use std::fs::File;
 use std::io::{self, ErrorKind};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -68,7 +70,8 @@ impl Chunks {
             let is_last = frame.is_none();
             let (place, frame) = frame.unwrap_or_default();
             self.decoder.push_byte_chunk(frame);
-            let message = self.decoder.try_read().map_err(|error| self.not(error.to_string()))?;
+            let decoder = &mut self.decoder;
+            let message = unless_damaged(|| decoder.try_read()).map_err(|reason| self.not(reason))?;
             let message = match message {
                 Some(message) => message,
                 None if is_last && self.recording.is_some() => return Ok(None),
@@ -86,10 +89,18 @@ impl Chunks {
                 return Err(self.not("it holds several recordings"));
             }
             if let LogMsg::ArrowMsg(_, message) = message {
-                let chunk = Chunk::from_arrow_msg(&message).map_err(|error| self.not(error.to_string()))?;
+                let chunk = unless_damaged(|| Chunk::from_arrow_msg(&message)).map_err(|reason| self.not(reason))?;
                 return Ok(Some((place, chunk)));
             }
         }
+    }
+}
+
+/// The decoder trusts the numbers inside a frame, and panics where they cannot be.
+fn unless_damaged<T, E: Display>(decode: impl FnOnce() -> Result<T, E>) -> Result<T, String> {
+    match catch_unwind(AssertUnwindSafe(decode)) {
+        Ok(decoded) => decoded.map_err(|error| error.to_string()),
+        Err(_) => Err("a frame of it is damaged".to_owned()),
     }
 }
 
