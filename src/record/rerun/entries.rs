@@ -40,8 +40,10 @@ impl Entries {
     }
 }
 
-/// Where entries of each kind are, and how a row becomes one.
-const KINDS: [(&str, fn(&[f64]) -> Option<LogEntry>); 3] =
+/// How a row becomes an entry; `None` where it has another length than it can have.
+type FromRow = fn(&[f64]) -> Option<LogEntry>;
+/// Where entries of each kind are.
+const KINDS: [(&str, FromRow); 3] =
     [(blueprint::LASER, laser), (blueprint::ODOMETRY_READING, odometry), (blueprint::TRUTH, truth)];
 
 fn laser(row: &[f64]) -> Option<LogEntry> {
