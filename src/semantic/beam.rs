@@ -3,6 +3,7 @@
 //! After a while without a landmark, a robot does not know which of several alike it sees. The pass then goes on with all of
 //! them, and what is seen later decides.
 
+use super::history::Candidate;
 use super::hypothesis::{Branch, Hypothesis};
 use super::keyframes::Keyframe;
 use super::progress::Progress;
@@ -29,6 +30,8 @@ pub struct Pass {
     pub landmarks: BTreeMap<usize, Point2<f64>>,
     /// The odometry's calibration at the end.
     pub calibration: Vector3<f64>,
+    /// All hypotheses of each keyframe; none where there is no choice.
+    pub candidates: Vec<Vec<Candidate>>,
 }
 
 /// A keyframe in the past of a hypothesis.
@@ -49,31 +52,34 @@ pub fn forward(
 ) -> Pass {
     let mut past: Vec<Past> = Vec::new();
     let mut hypotheses = vec![Hypothesis::start()];
+    let mut candidates = Vec::with_capacity(keyframes.len());
     for keyframe in keyframes {
         progress.advance();
         hypotheses.iter_mut().for_each(|hypothesis| hypothesis.predict(model, keyframe));
         let seen: Vec<Detection> = keyframe.seen.iter().map(|(_, seen)| *seen).collect();
+        let ways = |parent: &Hypothesis| parent.branches(model, &seen, log_new, branches);
+        let mut kept = Vec::new();
         if !seen.is_empty() {
-            let ways = |parent: &Hypothesis| parent.branches(model, &seen, log_new, branches);
             let all = hypotheses.iter().map(ways).enumerate();
             let all = all.flat_map(|(parent, ways)| ways.into_iter().map(move |way| (parent, way))).collect();
-            let kept = select(all, beam);
-            // Where nothing fits at all, the frame is left out.
-            if !kept.is_empty() {
-                hypotheses = children(hypotheses, &kept);
-                for (child, (_, way)) in hypotheses.iter_mut().zip(&kept) {
-                    child.log_likelihood = way.log_likelihood;
-                    let ids = child.follow(model, &seen, &way.landmarks);
-                    past.push(Past { before: child.past, pose: child.pose, ids });
-                    child.past = Some(past.len() - 1);
-                }
-                continue;
-            }
+            kept = select(all, beam);
         }
-        for hypothesis in &mut hypotheses {
-            past.push(Past { before: hypothesis.past, pose: hypothesis.pose, ids: Vec::new() });
+        // Where nothing fits at all, the frame is left out.
+        let mut ids = vec![Vec::new(); hypotheses.len()];
+        if !kept.is_empty() {
+            hypotheses = children(hypotheses, &kept);
+            let follow = |(child, (_, way)): (&mut Hypothesis, &(usize, Branch))| {
+                child.log_likelihood = way.log_likelihood;
+                child.follow(model, &seen, &way.landmarks)
+            };
+            ids = hypotheses.iter_mut().zip(&kept).map(follow).collect();
+        }
+        for (hypothesis, ids) in hypotheses.iter_mut().zip(ids) {
+            past.push(Past { before: hypothesis.past, pose: hypothesis.pose, ids });
             hypothesis.past = Some(past.len() - 1);
         }
+        let candidate = |&Hypothesis { pose, log_likelihood, .. }: &Hypothesis| Candidate { pose, log_likelihood };
+        candidates.push(hypotheses.iter().map(candidate).collect());
     }
     let last = hypotheses.into_iter().next().unwrap_or_else(Hypothesis::start);
     let (mut poses, mut assignments) = (Vec::new(), Vec::new());
@@ -88,7 +94,7 @@ pub fn forward(
     let tracked = last.landmarks.iter().map(|tracked| (tracked.id, tracked.position));
     let mut landmarks = last_seen(model, keyframes, &poses, &assignments);
     landmarks.extend(tracked);
-    Pass { poses, assignments, landmarks, calibration: last.calibration }
+    Pass { poses, assignments, landmarks, calibration: last.calibration, candidates }
 }
 
 /// The same where it is known which object each detection shows: one hypothesis, whose landmarks have the numbers of the
@@ -128,7 +134,7 @@ pub fn forward_known(
         let tracked = hypothesis.landmarks.iter().find(|tracked| tracked.id == id);
         landmarks.extend(tracked.map(|tracked| (number, tracked.position)));
     }
-    Pass { poses, assignments, landmarks, calibration: hypothesis.calibration }
+    Pass { poses, assignments, landmarks, calibration: hypothesis.calibration, candidates: Vec::new() }
 }
 
 /// Of each landmark the place where it was last seen.

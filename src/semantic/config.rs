@@ -1,7 +1,7 @@
 //! How a recording is mapped.
 
 use crate::association::Policy;
-use crate::parameters::{ConfigError, parameters};
+use crate::parameters::{ConfigError, parameters, with_toml};
 
 /// Densities of detections that show an object not mapped yet \[1/(m rad)\]: the forward pass is run with each, and the
 /// objective chooses. No single one suits all recordings: a high one doubles objects, a low one takes neighbours for one.
@@ -33,5 +33,13 @@ impl SemanticConfig {
     /// The first value that is not, with what could be.
     pub fn validate(&self) -> Result<(), ConfigError> {
         self.check("semantic")
+    }
+
+    /// This configuration, with the values that a TOML text sets in place of its own.
+    ///
+    /// # Errors
+    /// The text is no TOML, or one of its keys is unknown or of another type.
+    pub fn with_toml(&self, text: &str) -> Result<Self, ConfigError> {
+        with_toml(self, text)
     }
 }

@@ -23,8 +23,10 @@
 //! | `sensor_model` | densities of detections and motions |
 //! | `hypothesis`, `beam` | the forward pass |
 //! | `estimate` | path, map, weights, and the objective |
+//! | `history` | how the result came about |
 //! | `e_step`, `m_step` | the sweeps |
 //! | `merging` | landmarks mapped twice, and clutter |
+//! | `result` | what comes out |
 //! | `verdict` | whether to believe the map |
 //! | `progress` | how much is done |
 //!
@@ -34,21 +36,25 @@ mod beam;
 mod config;
 mod e_step;
 mod estimate;
+mod history;
 mod hypothesis;
 mod keyframes;
 mod m_step;
 mod merging;
 mod progress;
+mod result;
 mod sensor_model;
 mod verdict;
 
 pub use config::{NEW_DENSITIES, SemanticConfig};
 pub use estimate::Landmark;
+pub use history::{Candidate, History, Sweep};
+pub use result::{Mapped, RunScore, SemanticMap, Weight};
 pub use verdict::Verdict;
 
 use crate::detections::Recording;
 use crate::factor_graph::GraphError;
-use crate::geometry::{Pose, StampedPose};
+use crate::geometry::Pose;
 use crate::parameters::ConfigError;
 use beam::Pass;
 use estimate::{Estimate, Pair};
@@ -81,73 +87,6 @@ pub enum SemanticError {
     /// The M step has no solution.
     #[error("the M step has no solution: {0}")]
     Graph(#[from] GraphError),
-}
-
-/// A weight of the E step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Weight {
-    /// Number of the frame in the recording.
-    pub frame: usize,
-    /// Number of the detection in the frame.
-    pub detection: usize,
-    /// Number of the landmark in the map.
-    pub landmark: usize,
-    /// Probability that the one shows the other.
-    pub weight: f64,
-}
-
-/// One of the runs that the objective chose from.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RunScore {
-    /// Density of new landmarks \[1/(m rad)\].
-    pub new_density: f64,
-    /// The objective \[nats\].
-    pub objective: f64,
-    /// How many landmarks it has.
-    pub landmarks: usize,
-}
-
-/// A moment of the path.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mapped {
-    /// Seconds.
-    pub stamp: f64,
-    /// `world_from_robot`.
-    pub pose: Pose,
-    /// Covariance of the pose in its own frame: forward, sideways \[m\], turn \[rad\]; as seen from the first pose.
-    pub covariance: Matrix3<f64>,
-    /// Number of the frame in the recording; none where nothing was seen.
-    pub frame: Option<usize>,
-}
-
-/// A recording, mapped.
-#[derive(Clone, Debug)]
-pub struct SemanticMap {
-    /// The moments whose pose was estimated.
-    pub keyframes: Vec<Mapped>,
-    /// The map.
-    pub landmarks: Vec<Landmark>,
-    /// Weights of at least 0.02, frame by frame.
-    pub weights: Vec<Weight>,
-    /// Forward scale, turn scale, curvature \[rad/m\] of the odometry.
-    pub calibration: [f64; 3],
-    /// How often a landmark in view is detected.
-    pub detection_probability: f64,
-    /// The objective \[nats\].
-    pub objective: f64,
-    /// All runs, in the order of [`NEW_DENSITIES`]; none where the associations were known.
-    pub runs: Vec<RunScore>,
-    /// How many detections were used.
-    pub detections: usize,
-    /// Whether the map can be believed.
-    pub verdict: Verdict,
-}
-
-impl SemanticMap {
-    /// The path.
-    pub fn trajectory(&self) -> Vec<StampedPose> {
-        self.keyframes.iter().map(|&Mapped { stamp, pose, .. }| StampedPose { stamp, pose }).collect()
-    }
 }
 
 /// Which object each detection of each frame shows, where that is known.
@@ -186,6 +125,13 @@ struct Mapping<'a> {
     progress: Progress<'a>,
 }
 
+/// What came of one density of new landmarks.
+struct Run {
+    estimate: Estimate,
+    objective: f64,
+    history: History,
+}
+
 fn object(objects: &Objects, frame: usize, detection: usize) -> Option<u64> {
     objects.get(frame)?.get(detection).copied().flatten()
 }
@@ -210,47 +156,50 @@ impl<'a> Mapping<'a> {
     /// One run for each density of new landmarks; the objective chooses.
     fn map(&self) -> Result<SemanticMap, SemanticError> {
         let found: Vec<_> = NEW_DENSITIES.par_iter().map(|density| self.run(*density)).collect();
-        let found: Vec<(Estimate, f64)> = found.into_iter().collect::<Result<_, _>>()?;
-        let score = |(new_density, (estimate, objective)): (f64, &(Estimate, f64))| RunScore {
+        let mut found: Vec<Run> = found.into_iter().collect::<Result<_, _>>()?;
+        let score = |(new_density, run): (f64, &Run)| RunScore {
             new_density,
-            objective: *objective,
-            landmarks: estimate.landmarks.len(),
+            objective: run.objective,
+            landmarks: run.estimate.landmarks.len(),
         };
-        let runs = NEW_DENSITIES.into_iter().zip(&found).map(score).collect();
+        let scores = NEW_DENSITIES.into_iter().zip(&found).map(score).collect();
         // Of equal ones the first.
-        let (best, objective) =
-            found.iter().rev().max_by(|a, b| a.1.total_cmp(&b.1)).ok_or(SemanticError::NothingSeen)?;
-        let others: Vec<&Estimate> =
-            found.iter().map(|(estimate, _)| estimate).filter(|other| !std::ptr::eq(*other, best)).collect();
-        self.finish(best, *objective, runs, &others)
+        let places = (0..found.len()).rev();
+        let best = places.max_by(|a, b| found[*a].objective.total_cmp(&found[*b].objective));
+        let best = found.remove(best.ok_or(SemanticError::NothingSeen)?);
+        self.finish(best, scores, &found)
     }
 
     /// The M step alone, under weights that are known.
     fn map_known(&self, objects: &Objects) -> Result<SemanticMap, SemanticError> {
         let object = |frame, detection| object(objects, frame, detection);
-        let mut estimate = self.start(beam::forward_known(&self.model, &self.keyframes, object));
+        let (mut estimate, mut history) = self.start(beam::forward_known(&self.model, &self.keyframes, object));
         for tempering in self.temperings() {
             self.maximise(&mut estimate, tempering)?;
+            history.sweeps.push(Sweep::new(&estimate, self.objective(&estimate)));
         }
         self.progress.finish();
         estimate.detection_probability = e_step::detection_probability(&self.model, &self.keyframes, &estimate);
         let objective = self.objective(&estimate);
-        self.finish(&estimate, objective, Vec::new(), &[])
+        self.finish(Run { estimate, objective, history }, Vec::new(), &[])
     }
 
-    /// Forward pass, sweeps and merging: an estimate and its objective.
-    fn run(&self, new_density: f64) -> Result<(Estimate, f64), SemanticError> {
+    /// Forward pass, sweeps and merging.
+    fn run(&self, new_density: f64) -> Result<Run, SemanticError> {
         let log_new = self.model.log_density_of_any_label(new_density);
         let (beam, branches) = (self.config.beam, self.config.branches);
         let pass = beam::forward(&self.model, &self.keyframes, log_new, beam, branches, &self.progress);
-        let mut estimate = self.start(pass);
+        let (mut estimate, mut history) = self.start(pass);
         self.maximise(&mut estimate, FIRST_TEMPERING)?;
         for tempering in self.temperings() {
             self.sweep(&mut estimate, tempering)?;
+            history.sweeps.push(Sweep::new(&estimate, self.objective(&estimate)));
             self.progress.advance();
         }
         let objective = self.objective(&estimate);
-        merging::merge(self, estimate, objective)
+        let (estimate, objective) = merging::merge(self, estimate, objective)?;
+        history.sweeps.push(Sweep::new(&estimate, objective));
+        Ok(Run { estimate, objective, history })
     }
 
     /// Tempering of each sweep, the last one 1.
@@ -259,8 +208,8 @@ impl<'a> Mapping<'a> {
         (1..=sweeps).map(move |sweep| FIRST_TEMPERING.powf(1.0 - sweep as f64 / sweeps as f64))
     }
 
-    /// The estimate that a forward pass leads to.
-    fn start(&self, pass: Pass) -> Estimate {
+    /// The estimate that a forward pass leads to, and what came about until then.
+    fn start(&self, pass: Pass) -> (Estimate, History) {
         let landmark = |position: &_| Landmark {
             position: *position,
             covariance: Matrix2::zeros(),
@@ -284,7 +233,7 @@ impl<'a> Mapping<'a> {
             detection_probability: self.model.sensors.detector.detection_probability,
         };
         e_step::class_posteriors(&self.model, &self.keyframes, &mut estimate);
-        estimate
+        (estimate, History { candidates: pass.candidates, sweeps: Vec::new() })
     }
 
     /// One E step and one M step.
@@ -309,15 +258,10 @@ impl<'a> Mapping<'a> {
         estimate.objective(&self.model, &self.keyframes, self.config.landmark_cost)
     }
 
-    /// The estimate as a result, with covariances; `others` are those of the other runs.
-    fn finish(
-        &self,
-        estimate: &Estimate,
-        objective: f64,
-        runs: Vec<RunScore>,
-        others: &[&Estimate],
-    ) -> Result<SemanticMap, SemanticError> {
-        let problem = self.problem(estimate, 1.0)?;
+    /// A run as a result, with covariances.
+    fn finish(&self, run: Run, runs: Vec<RunScore>, others: &[Run]) -> Result<SemanticMap, SemanticError> {
+        let Run { estimate, objective, history } = run;
+        let problem = self.problem(&estimate, 1.0)?;
         let covariances = problem.covariances()?;
         let mut landmarks = estimate.landmarks.clone();
         for (landmark, id) in landmarks.iter_mut().zip(problem.landmarks()) {
@@ -339,10 +283,10 @@ impl<'a> Mapping<'a> {
             covariance.copy_from(&covariances.block(*id)?);
             keyframes.push(Mapped { stamp: keyframe.stamp, pose: *pose, covariance, frame: keyframe.frame });
         }
-        let agreeing = others.iter().filter(|other| is_same_path(&keyframes, &other.poses)).count();
+        let agreeing = others.iter().filter(|other| is_same_path(&keyframes, &other.estimate.poses)).count();
         let agreeing = (!others.is_empty()).then_some(agreeing);
         Ok(SemanticMap {
-            verdict: Verdict::new(&self.model, &self.keyframes, estimate, agreeing),
+            verdict: Verdict::new(&self.model, &self.keyframes, &estimate, agreeing),
             keyframes,
             landmarks,
             weights,
@@ -351,6 +295,7 @@ impl<'a> Mapping<'a> {
             objective,
             runs,
             detections: self.keyframes.iter().map(|keyframe| keyframe.seen.len()).sum(),
+            history,
         })
     }
 }

@@ -14,8 +14,8 @@ use crate::report::{StageTimes, StepReport};
 use ::rerun::components::{LineStrip2D, Scalar, Text};
 use ::rerun::log::Chunk;
 use ::rerun::{
-    ChunkStore, ChunkStoreConfig, ComponentDescriptor, LineStrips2D, RecordingStream, Scalars, StoreKind, TextDocument,
-    TimelineName,
+    ChunkStore, ChunkStoreConfig, ComponentDescriptor, EntityPath, LineStrips2D, RecordingStream, Scalars, StoreKind,
+    TextDocument, TimelineName,
 };
 use nalgebra::Point2;
 use std::collections::BTreeMap;
@@ -97,21 +97,27 @@ pub struct RecordedResult {
 /// A run, read back.
 #[derive(Debug)]
 pub struct RecordedRun {
-    name: String,
-    store: ChunkStore,
+    store: Store,
     entries: Arc<[LogEntry]>,
-    /// Version of the program that recorded it.
-    pub version: String,
-    /// What it was started with.
-    pub info: RunInfo,
     /// Its steps, in their order.
     pub steps: Vec<RecordedStep>,
     /// Its result; none where the recording breaks off before.
     pub result: Option<RecordedResult>,
 }
 
-impl RecordedRun {
-    /// Reads a recording.
+/// What a file holds, of whatever kind the run is.
+#[derive(Debug)]
+pub struct Store {
+    path: PathBuf,
+    chunks: ChunkStore,
+    /// Version of the program that recorded it.
+    pub version: String,
+    /// What it was started with.
+    pub info: RunInfo,
+}
+
+impl Store {
+    /// Opens a recording.
     ///
     /// # Errors
     /// The file cannot be opened, is no recording, or one that does not tell how the run was made.
@@ -128,13 +134,12 @@ impl RecordedRun {
         let recordings = stores.into_iter().filter(|(id, _)| id.kind() == StoreKind::Recording);
         let mut recordings: Vec<ChunkStore> = recordings.map(|(_, store)| store).collect();
         let nothing = damage.unwrap_or_else(|| "it holds no recording".to_owned());
-        let store = recordings.pop().ok_or_else(|| not(&nothing))?;
+        let chunks = recordings.pop().ok_or_else(|| not(&nothing))?;
         if !recordings.is_empty() {
             return Err(not("it holds several recordings"));
         }
 
-        let columns = Columns(&store);
-        let about = columns.text(blueprint::ABOUT).ok_or_else(|| not("it does not tell how the run was made"))?;
+        let about = text(&chunks, blueprint::ABOUT).ok_or_else(|| not("it does not tell how the run was made"))?;
         let About { version, log, device, configuration: config } =
             toml::from_str(&about).map_err(|error| not(&format!("its configuration is not understood: {error}")))?;
         let unusable = |source| ReadError::Configuration {
@@ -143,10 +148,89 @@ impl RecordedRun {
             source: Box::new(source),
         };
         config.validate().map_err(unusable)?;
-        let entries = columns.entries().ok_or_else(|| not("its log is damaged"))?.into();
-        let (steps, result) = (columns.steps(), columns.result());
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { name, store, entries, version, info: RunInfo { log, device, config }, steps, result })
+        Ok(Self { path: path.to_owned(), chunks, version, info: RunInfo { log, device, config } })
+    }
+
+    /// Name of the file, without its ending.
+    pub fn name(&self) -> String {
+        self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
+    pub(super) fn not(&self, reason: &str) -> ReadError {
+        ReadError::NotARecording { path: self.path.clone(), reason: reason.to_owned() }
+    }
+
+    fn chunks(&self, path: &str) -> impl Iterator<Item = &Arc<Chunk>> {
+        chunks(&self.chunks, path)
+    }
+
+    pub(super) fn text(&self, path: &str) -> Option<String> {
+        text(&self.chunks, path)
+    }
+
+    /// Rows of numbers, by their time on a timeline.
+    pub(super) fn rows(&self, path: &str, timeline: &'static str) -> BTreeMap<i64, Vec<f64>> {
+        let ComponentDescriptor { component, .. } = Scalars::descriptor_scalars();
+        let mut rows = BTreeMap::new();
+        for chunk in self.chunks(path).filter(|chunk| !chunk.is_static()) {
+            let times = chunk.iter_component_indices(TimelineName::from(timeline), component);
+            let numbers = chunk.iter_component::<Scalar>(component);
+            for ((time, _), numbers) in times.zip(numbers) {
+                rows.insert(time.as_i64(), numbers.as_slice().iter().map(|number| number.0.0).collect());
+            }
+        }
+        rows
+    }
+
+    /// Sends what is to be seen to another recording, with paths that lie under `root`.
+    pub(super) fn send(&self, stream: &RecordingStream, root: &str) {
+        let shown = |chunk: &&Arc<Chunk>| {
+            let path = chunk.entity_path().to_string();
+            !chunk.is_static() && ["/world", "/plots"].iter().any(|shown| path.starts_with(shown))
+        };
+        for chunk in self.chunks.iter_physical_chunks().filter(shown) {
+            let path = blueprint::under(root, chunk.entity_path().to_string().trim_start_matches('/'));
+            stream.send_chunk(chunk.clone_with_new_entity_path(path.into()));
+        }
+    }
+}
+
+fn chunks<'a>(store: &'a ChunkStore, path: &str) -> impl Iterator<Item = &'a Arc<Chunk>> + use<'a> {
+    let path: EntityPath = path.into();
+    store.iter_physical_chunks().filter(move |chunk| chunk.entity_path() == &path)
+}
+
+fn text(store: &ChunkStore, path: &str) -> Option<String> {
+    let component = TextDocument::descriptor_text().component;
+    let of_chunk = |chunk: &Arc<Chunk>| {
+        let texts = chunk.iter_component::<Text>(component).next()?;
+        texts.as_slice().first().map(|text| text.as_str().to_owned())
+    };
+    chunks(store, path).find_map(of_chunk)
+}
+
+impl RecordedRun {
+    /// Reads a recording.
+    ///
+    /// # Errors
+    /// Those of [`Store::open`], and of [`RecordedRun::new`].
+    pub fn open(path: &Path) -> Result<Self, ReadError> {
+        Self::new(Store::open(path)?)
+    }
+
+    /// Reads what a file holds.
+    ///
+    /// # Errors
+    /// Its log is damaged.
+    pub fn new(store: Store) -> Result<Self, ReadError> {
+        let entries = entries(&store).ok_or_else(|| store.not("its log is damaged"))?.into();
+        let (steps, result) = (steps(&store), result(&store));
+        Ok(Self { entries, steps, result, store })
+    }
+
+    /// What the file holds.
+    pub fn store(&self) -> &Store {
+        &self.store
     }
 
     /// Entries of the log.
@@ -163,27 +247,14 @@ impl RecordedRun {
             let corners = strips.as_slice().first()?.0.iter();
             Some(corners.map(|corner| Point2::new(f64::from(corner.x()), f64::from(corner.y()))).collect())
         };
-        let chunks = Columns(&self.store);
-        let mut chunks = chunks.chunks(blueprint::TRAJECTORY).filter(|chunk| !chunk.is_static());
+        let mut chunks = self.store.chunks(blueprint::TRAJECTORY).filter(|chunk| !chunk.is_static());
         chunks.find_map(of_chunk).unwrap_or_default()
-    }
-
-    /// Sends everything that belongs to a step to another recording, with paths that lie under `root`.
-    pub(super) fn send(&self, stream: &RecordingStream, root: &str) {
-        let shown = |chunk: &&Arc<Chunk>| {
-            let path = chunk.entity_path().to_string();
-            !chunk.is_static() && ["/world", "/plots"].iter().any(|shown| path.starts_with(shown))
-        };
-        for chunk in self.store.iter_physical_chunks().filter(shown) {
-            let path = blueprint::under(root, chunk.entity_path().to_string().trim_start_matches('/'));
-            stream.send_chunk(chunk.clone_with_new_entity_path(path.into()));
-        }
     }
 }
 
 impl LogSource for RecordedRun {
     fn name(&self) -> String {
-        self.name.clone()
+        self.store.name()
     }
 
     fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
@@ -223,113 +294,66 @@ impl LogReader for RecordedReader {
     }
 }
 
-/// What the paths of a recording hold.
-struct Columns<'a>(&'a ChunkStore);
-
-impl Columns<'_> {
-    fn chunks(&self, path: &str) -> impl Iterator<Item = &Arc<Chunk>> {
-        let path = path.into();
-        self.0.iter_physical_chunks().filter(move |chunk| chunk.entity_path() == &path)
-    }
-
-    fn text(&self, path: &str) -> Option<String> {
-        let component = TextDocument::descriptor_text().component;
-        let of_chunk = |chunk: &Arc<Chunk>| {
-            let texts = chunk.iter_component::<Text>(component).next()?;
-            texts.as_slice().first().map(|text| text.as_str().to_owned())
+/// The log. `None` where a row has another length than it can have.
+fn entries(store: &Store) -> Option<Vec<LogEntry>> {
+    let mut entries: BTreeMap<i64, LogEntry> = BTreeMap::new();
+    for (entry, row) in store.rows(blueprint::LASER, blueprint::ENTRY_TIMELINE) {
+        let (
+            &[x, y, heading, stamp, ahead, left, turned, first_angle, angle_step, max_range, forward, sideways, turn],
+            ranges,
+        ) = row.split_first_chunk::<13>()?;
+        let reading = LaserReading {
+            stamp,
+            odom_from_robot: exactly(x, y, heading),
+            robot_from_laser: exactly(ahead, left, turned),
+            start_from_end: exactly(forward, sideways, turn),
+            first_angle,
+            angle_step,
+            max_range,
+            ranges: ranges.to_vec(),
         };
-        self.chunks(path).find_map(of_chunk)
+        entries.insert(entry, LogEntry::Laser(reading));
     }
+    for (entry, row) in store.rows(blueprint::ODOMETRY_READING, blueprint::ENTRY_TIMELINE) {
+        let [x, y, heading, stamp] = row.try_into().ok()?;
+        entries.insert(entry, LogEntry::Odometry { stamp, odom_from_robot: exactly(x, y, heading) });
+    }
+    for (entry, row) in store.rows(blueprint::TRUTH, blueprint::ENTRY_TIMELINE) {
+        let [x, y, heading, stamp] = row.try_into().ok()?;
+        entries.insert(entry, LogEntry::Truth { stamp, world_from_robot: exactly(x, y, heading) });
+    }
+    // What follows a gap came after something that is lost.
+    let whole = (0..).zip(entries).take_while(|(number, (entry, _))| number == entry);
+    Some(whole.map(|(_, (_, entry))| entry).collect())
+}
 
-    /// Rows of numbers, by their time on a timeline.
-    fn rows(&self, path: &str, timeline: &'static str) -> BTreeMap<i64, Vec<f64>> {
-        let ComponentDescriptor { component, .. } = Scalars::descriptor_scalars();
-        let mut rows = BTreeMap::new();
-        for chunk in self.chunks(path).filter(|chunk| !chunk.is_static()) {
-            let times = chunk.iter_component_indices(TimelineName::from(timeline), component);
-            let numbers = chunk.iter_component::<Scalar>(component);
-            for ((time, _), numbers) in times.zip(numbers) {
-                rows.insert(time.as_i64(), numbers.as_slice().iter().map(|number| number.0.0).collect());
-            }
-        }
-        rows
-    }
+fn steps(store: &Store) -> Vec<RecordedStep> {
+    let rows = |path| store.rows(path, blueprint::STEP_TIMELINE);
+    let [checksums, sizes, clusters, seconds] =
+        [blueprint::CHECKSUM, blueprint::EFFECTIVE_SAMPLE_SIZE, blueprint::CLUSTERS, blueprint::SECONDS].map(rows);
+    let step = |(step, pose): (i64, Vec<f64>)| {
+        let [x, y, heading] = pose.try_into().ok()?;
+        let seconds = seconds.get(&step)?.as_slice().try_into().ok()?;
+        Some(RecordedStep {
+            step: step as u32,
+            world_from_robot: exactly(x, y, heading),
+            checksum: *checksums.get(&step)?.first()? as u32,
+            effective_sample_size: *sizes.get(&step)?.first()?,
+            clusters: *clusters.get(&step)?.first()? as usize,
+            times: StageTimes::from_seconds(seconds),
+        })
+    };
+    // The last step may have been written in part.
+    rows(blueprint::POSE).into_iter().map_while(step).collect()
+}
 
-    /// The log. `None` where a row has another length than it can have.
-    fn entries(&self) -> Option<Vec<LogEntry>> {
-        let mut entries: BTreeMap<i64, LogEntry> = BTreeMap::new();
-        for (entry, row) in self.rows(blueprint::LASER, blueprint::ENTRY_TIMELINE) {
-            let (
-                &[
-                    x,
-                    y,
-                    heading,
-                    stamp,
-                    ahead,
-                    left,
-                    turned,
-                    first_angle,
-                    angle_step,
-                    max_range,
-                    forward,
-                    sideways,
-                    turn,
-                ],
-                ranges,
-            ) = row.split_first_chunk::<13>()?;
-            let reading = LaserReading {
-                stamp,
-                odom_from_robot: exactly(x, y, heading),
-                robot_from_laser: exactly(ahead, left, turned),
-                start_from_end: exactly(forward, sideways, turn),
-                first_angle,
-                angle_step,
-                max_range,
-                ranges: ranges.to_vec(),
-            };
-            entries.insert(entry, LogEntry::Laser(reading));
-        }
-        for (entry, row) in self.rows(blueprint::ODOMETRY_READING, blueprint::ENTRY_TIMELINE) {
-            let [x, y, heading, stamp] = row.try_into().ok()?;
-            entries.insert(entry, LogEntry::Odometry { stamp, odom_from_robot: exactly(x, y, heading) });
-        }
-        for (entry, row) in self.rows(blueprint::TRUTH, blueprint::ENTRY_TIMELINE) {
-            let [x, y, heading, stamp] = row.try_into().ok()?;
-            entries.insert(entry, LogEntry::Truth { stamp, world_from_robot: exactly(x, y, heading) });
-        }
-        // What follows a gap came after something that is lost.
-        let whole = (0..).zip(entries).take_while(|(number, (entry, _))| number == entry);
-        Some(whole.map(|(_, (_, entry))| entry).collect())
-    }
-
-    fn steps(&self) -> Vec<RecordedStep> {
-        let rows = |path| self.rows(path, blueprint::STEP_TIMELINE);
-        let [checksums, sizes, clusters, seconds] =
-            [blueprint::CHECKSUM, blueprint::EFFECTIVE_SAMPLE_SIZE, blueprint::CLUSTERS, blueprint::SECONDS].map(rows);
-        let step = |(step, pose): (i64, Vec<f64>)| {
-            let [x, y, heading] = pose.try_into().ok()?;
-            let seconds = seconds.get(&step)?.as_slice().try_into().ok()?;
-            Some(RecordedStep {
-                step: step as u32,
-                world_from_robot: exactly(x, y, heading),
-                checksum: *checksums.get(&step)?.first()? as u32,
-                effective_sample_size: *sizes.get(&step)?.first()?,
-                clusters: *clusters.get(&step)?.first()? as usize,
-                times: StageTimes::from_seconds(seconds),
-            })
-        };
-        // The last step may have been written in part.
-        rows(blueprint::POSE).into_iter().map_while(step).collect()
-    }
-
-    fn result(&self) -> Option<RecordedResult> {
-        let (_, row) = self.rows(blueprint::RESULT, blueprint::STEP_TIMELINE).pop_last()?;
-        let [checksum, is_smoothed] = row.try_into().ok()?;
-        Some(RecordedResult { checksum: checksum as u32, is_smoothed: is_smoothed == 1.0 })
-    }
+fn result(store: &Store) -> Option<RecordedResult> {
+    let (_, row) = store.rows(blueprint::RESULT, blueprint::STEP_TIMELINE).pop_last()?;
+    let [checksum, is_smoothed] = row.try_into().ok()?;
+    Some(RecordedResult { checksum: checksum as u32, is_smoothed: is_smoothed == 1.0 })
 }
 
 /// A pose as it was: its heading is not wrapped again.
-fn exactly(x: f64, y: f64, heading: f64) -> Pose {
+pub(super) fn exactly(x: f64, y: f64, heading: f64) -> Pose {
     Pose { x, y, heading }
 }
