@@ -69,8 +69,8 @@ impl RecordingArgs {
 #[cfg(feature = "record")]
 pub fn check_target(path: &Path, folder: &Path) -> anyhow::Result<()> {
     // A folder that cannot be listed cannot be read either, which is told there.
-    let inputs = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    inputs.map(|input| refuse_input(path, Some(&input.path()))).collect()
+    let mut inputs = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    inputs.try_for_each(|input| refuse_input(path, Some(&input.path())))
 }
 
 /// Without the feature nothing can.

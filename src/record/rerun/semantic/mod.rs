@@ -16,14 +16,14 @@
 //! | [`FRAME_ROBOT`], [`FRAME_SEEN`], [`FRAME_WEIGHTS`] | robot, detections and weights of the keyframe | frames |
 //! | [`HYPOTHESIS_COUNT`] | how many hypotheses there are | steps of the forward pass |
 //! | [`OBJECTIVE`], [`LANDMARK_COUNT`] | the objective \[nats\], and how many landmarks there are | every sweep, and the result |
-//! | [`ABOUT`](blueprint::ABOUT) | TOML: version, recording, device, configuration | always |
+//! | [`ABOUT`](super::blueprint::ABOUT) | TOML: version, recording, device, configuration | always |
 //! | [`SENSORS`] | `sensors.toml` of the recording | always |
-//! | [`SPEEDS`], [`ODOMETRY_READING`](blueprint::ODOMETRY_READING) | odometry: forward, turn, stamp; or x, y, heading, stamp | every row |
+//! | [`SPEEDS`], [`ODOMETRY_READING`](super::blueprint::ODOMETRY_READING) | odometry: forward, turn, stamp; or x, y, heading, stamp | every row |
 //! | [`DETECTIONS`] | stamp; class, score, range, bearing of each detection | every frame |
 //! | [`IDS`] | of each detection the object, NaN where nobody knows | every frame, if they were known |
-//! | [`CHECKSUM`](blueprint::CHECKSUM) | that of the step | every step |
-//! | [`POSE`](blueprint::POSE) | x, y, heading and stamp, as f64 | every keyframe, by `frame` |
-//! | [`RESULT`](blueprint::RESULT) | checksum, landmarks, objective | the result |
+//! | [`CHECKSUM`](super::blueprint::CHECKSUM) | that of the step | every step |
+//! | [`POSE`](super::blueprint::POSE) | x, y, heading and stamp, as f64 | every keyframe, by `frame` |
+//! | [`RESULT`](super::blueprint::RESULT) | checksum, landmarks, objective | the result |
 
 pub use layout::{
     DETECTIONS, ELLIPSES, FRAME_ROBOT, FRAME_SEEN, FRAME_TIMELINE, FRAME_WEIGHTS, HYPOTHESES, HYPOTHESIS_COUNT, IDS,
@@ -31,9 +31,6 @@ pub use layout::{
 };
 pub use read::{MappingResult, RecordedMapping};
 pub use write::{Mapping, record, record_beside};
-
-#[allow(unused_imports, reason = "the documentation names it")]
-use super::blueprint;
 
 mod layout;
 mod read;
