@@ -19,6 +19,7 @@ use ipslam::record::rerun::semantic::Mapping;
 use ipslam::semantic::{Objects, SemanticConfig, SemanticError, SemanticMap, Weight, map, map_known};
 use serde_json::json;
 use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -38,8 +39,11 @@ pub struct SemanticArgs {
     /// Hypotheses that the forward pass keeps
     #[arg(long, value_name = "COUNT", default_value_t = SemanticConfig::default().beam)]
     beam: usize,
+    /// Keyframes that are estimated at once, as online; older ones stay as they are [default: all]
+    #[arg(long, value_name = "COUNT")]
+    window: Option<NonZeroUsize>,
     /// Which object each detection shows, as ids.csv of `ipslam convert` tells: the best that could be reached
-    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["association", "beam"])]
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["association", "beam", "window"])]
     known_ids: Option<PathBuf>,
     /// Record how the map came about to this file, for the Rerun viewer and for `ipslam replay`
     #[arg(long, value_name = "FILE.rrd")]
@@ -73,8 +77,12 @@ impl Association {
 
 /// Maps the recording. Outputs that could not be written are returned as a list.
 pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
-    let config =
-        SemanticConfig { association: args.association.policy(), beam: args.beam, ..SemanticConfig::default() };
+    let config = SemanticConfig {
+        association: args.association.policy(),
+        beam: args.beam,
+        window: args.window.map_or(0, NonZeroUsize::get),
+        ..SemanticConfig::default()
+    };
     config.validate()?;
     let folder = std::path::absolute(&args.recording).unwrap_or_else(|_| args.recording.clone());
     let name = folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());

@@ -20,6 +20,8 @@ parameters! {
         interval: f64 = 0.4, in 0.0..=60.0;
         /// E and M steps after the forward pass, over all frames.
         sweeps: usize = 8, in 1.0..=100.0;
+        /// Keyframes that are estimated at once: mapping online; 0 takes all of them together, when the recording is over.
+        window: usize = 0, in 0.0..=1e6;
         /// What a landmark costs \[nats\]. It may be anywhere in an area A of about 100 m² and is known to s = 1.7 cm in
         /// the end: ln(A / (2π s²)), the Occam factor.
         landmark_cost: f64 = 10.9, in 0.0..=1000.0;

@@ -60,6 +60,8 @@ pub struct Estimate {
     pub detection_probability: f64,
     /// The pairs of each keyframe.
     pub weights: Vec<Vec<Pair>>,
+    /// Of each landmark its number in the forward pass.
+    pub numbers: Vec<usize>,
 }
 
 impl Estimate {
@@ -107,6 +109,8 @@ impl Estimate {
         }
         let mut stays = places.iter().map(Option::is_some);
         self.landmarks.retain(|_| stays.next().unwrap_or(false));
+        let mut stays = places.iter().map(Option::is_some);
+        self.numbers.retain(|_| stays.next().unwrap_or(false));
         for pairs in &mut self.weights {
             pairs.retain_mut(|pair| {
                 let place = places.get(pair.landmark).copied().flatten();

@@ -35,7 +35,7 @@ impl Sweep {
 pub struct History {
     /// Of each keyframe the hypotheses that the pass kept, the likeliest first; none where the associations were known.
     pub candidates: Vec<Vec<Candidate>>,
-    /// After each sweep; the last is the result, after merging.
+    /// After each sweep over all keyframes; the last is the result, after merging. Online the result alone.
     pub sweeps: Vec<Sweep>,
 }
 
