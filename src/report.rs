@@ -182,7 +182,7 @@ impl StepReport<'_> {
         bits.add(self.parents.iter().map(|&parent| f64::from(parent)));
         bits.pose(self.world_from_robot);
         bits.map(self.map);
-        bits.0.finalize()
+        bits.finish()
     }
 }
 
@@ -225,7 +225,7 @@ impl RunResult {
             bits.add([estimate.stamp]);
             bits.pose(pose);
         }
-        bits.0.finalize()
+        bits.finish()
     }
 }
 
@@ -238,15 +238,19 @@ impl Estimate {
 
 /// The bits of numbers, summed up.
 #[derive(Default)]
-struct Bits(Hasher);
+pub(crate) struct Bits(Hasher);
 
 impl Bits {
-    fn add(&mut self, numbers: impl IntoIterator<Item = f64>) {
+    pub fn add(&mut self, numbers: impl IntoIterator<Item = f64>) {
         numbers.into_iter().for_each(|number| self.0.update(&number.to_le_bytes()));
     }
 
-    fn pose(&mut self, Pose { x, y, heading }: Pose) {
+    pub fn pose(&mut self, Pose { x, y, heading }: Pose) {
         self.add([x, y, heading]);
+    }
+
+    pub fn finish(self) -> u32 {
+        self.0.finalize()
     }
 
     fn map(&mut self, map: &[Cluster]) {

@@ -2,6 +2,8 @@
 
 use anyhow::{Context as _, anyhow};
 use clap::ValueEnum;
+#[cfg(feature = "record")]
+use ipslam::config::SemanticConfig;
 use ipslam::config::SlamConfig;
 use ipslam::io::{TextError, read_text};
 use std::path::{Path, PathBuf};
@@ -57,6 +59,24 @@ impl ConfigArgs {
             && config.maps > 0
         {
             config.particles = particles.checked_next_multiple_of(config.maps).unwrap_or(particles);
+        }
+        config.validate()?;
+        Ok(config)
+    }
+}
+
+#[cfg(feature = "record")]
+impl ConfigArgs {
+    /// The same for mapping objects, which has neither presets nor particles nor random numbers.
+    pub fn over_semantic(&self, base: SemanticConfig) -> anyhow::Result<SemanticConfig> {
+        let Self { preset, config: file, particles, maps, seed } = self;
+        anyhow::ensure!(
+            preset.is_none() && particles.is_none() && maps.is_none() && seed.is_none(),
+            "--preset, --particles, --maps and --seed are for what `ipslam run` recorded; --config changes how objects are mapped"
+        );
+        let mut config = base;
+        if let Some(path) = file {
+            config = config.with_toml(&read(path)?).with_context(|| path.display().to_string())?;
         }
         config.validate()?;
         Ok(config)

@@ -20,6 +20,8 @@ mod output;
 mod progress;
 mod recording;
 mod replay;
+#[cfg(feature = "record")]
+mod replay_semantic;
 mod run;
 mod say;
 mod semantic;

@@ -7,7 +7,7 @@ use ipslam::picture::{Figures, Line, Picture, PointRaster, View, object_map, svg
 use ipslam::ppca::Cluster;
 use ipslam::report::{Estimate, RunResult};
 use ipslam::scan::Scan;
-use ipslam::semantic::{Landmark, Mapped, SemanticMap, Verdict, Weight};
+use ipslam::semantic::{History, Landmark, Mapped, SemanticMap, Verdict, Weight};
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 use resvg::tiny_skia::Pixmap;
 use resvg::usvg::roxmltree::{Document, Node};
@@ -367,6 +367,7 @@ fn objects() -> (Recording, SemanticMap) {
         runs: Vec::new(),
         detections: 3,
         verdict: evidence,
+        history: History::default(),
     };
     (recording, map)
 }

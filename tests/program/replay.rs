@@ -72,8 +72,8 @@ fn a_recording_holds_the_run() {
         let path = folder.path().join("run.rrd");
         let entries = record(&path, level, |_| ());
         let run = RecordedRun::open(&path).unwrap();
-        assert_eq!(run.info, info());
-        assert_eq!(run.version, env!("CARGO_PKG_VERSION"));
+        assert_eq!(run.store().info, info());
+        assert_eq!(run.store().version, env!("CARGO_PKG_VERSION"));
         assert_eq!(run.entries, entries.len() as u64);
         // Any number of times, as every log.
         for _ in 0..2 {

@@ -24,6 +24,7 @@ mod entries;
 mod frames;
 mod log;
 pub mod read;
+pub mod semantic;
 
 /// Name under which the viewer keeps the layout of its views.
 const APPLICATION: &str = "ipslam";
@@ -112,14 +113,17 @@ impl Begun {
         let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
         (partial.clone(), Some(Self { partial, path }))
     }
+
+    /// Takes the place.
+    fn finish(self) -> std::io::Result<()> {
+        std::fs::rename(&self.partial, &self.path)
+    }
 }
 
-impl Drop for RerunObserver {
+impl Drop for Begun {
     fn drop(&mut self) {
-        if let Some(begun) = self.begun.take() {
-            // Nothing came of it, and there may be nothing to remove.
-            let _ = std::fs::remove_file(begun.partial);
-        }
+        // Where nothing came of it; what took its place is not there any more.
+        let _ = std::fs::remove_file(&self.partial);
     }
 }
 
@@ -145,7 +149,7 @@ impl RerunObserver {
         blueprint::comparison_blueprint().send(&stream, BlueprintActivation::default())?;
         // How two runs share a plot is not how one has it alone.
         blueprint::log_styles(&stream, blueprint::RECORDED)?;
-        recorded.send(&stream, blueprint::RECORDED)?;
+        recorded.store().send(&stream, blueprint::RECORDED)?;
         Self::start(stream, blueprint::REPLAYED, level, info, FULL_DISK, begun, failed)
     }
 
@@ -208,8 +212,9 @@ impl Observer for RerunObserver {
             match event {
                 Event::Step(_) if begun.is_some() => {
                     check(recorder.stream())?;
-                    let Some(Begun { partial, path }) = begun.take() else { return Ok(()) };
-                    std::fs::rename(partial, &path).map_err(|error| format!("{}: {error}", path.display()))
+                    let Some(begun) = begun.take() else { return Ok(()) };
+                    let path = begun.path.clone();
+                    begun.finish().map_err(|error| format!("{}: {error}", path.display()))
                 }
                 Event::Step(report) if report.step % CHECK_EVERY == CHECK_EVERY - 1 => check(recorder.stream()),
                 Event::Finished { .. } => check(recorder.stream()),

@@ -94,13 +94,9 @@ pub struct RecordedResult {
 /// A run, read back. Its log stays in the file and is read from there.
 #[derive(Debug)]
 pub struct RecordedRun {
-    path: PathBuf,
+    store: Store,
     /// Where the frames of the log begin in the file.
     places: Arc<[u64]>,
-    /// Version of the program that recorded it.
-    pub version: String,
-    /// What it was started with.
-    pub info: RunInfo,
     /// Entries of its log.
     pub entries: u64,
     /// Its steps, in their order.
@@ -112,25 +108,29 @@ pub struct RecordedRun {
     pub trajectory: Vec<Point2<f64>>,
 }
 
-impl RecordedRun {
-    /// Reads a recording.
+/// A recording, of whatever kind the run is. What it holds stays in the file.
+#[derive(Debug)]
+pub struct Store {
+    path: PathBuf,
+    /// Version of the program that recorded it.
+    pub version: String,
+    /// What it was started with.
+    pub info: RunInfo,
+}
+
+impl Store {
+    /// Opens a recording.
     ///
     /// # Errors
     /// The file cannot be opened, is no recording, or one that does not tell how the run was made.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let not = |reason: &str| ReadError::NotARecording { path: path.to_owned(), reason: reason.to_owned() };
-        let (mut about, mut trajectory) = (None, None);
-        let (mut entries, mut numbers) = (Entries::default(), Numbers::default());
-        let mut places = Vec::new();
+        let mut about = None;
         for chunk in Chunks::open(path)? {
-            let (place, chunk) = chunk?;
-            if entries.add(&chunk).ok_or_else(|| not("its log is damaged"))? {
-                places.push(place);
+            about = text(&chunk?.1, blueprint::ABOUT);
+            if about.is_some() {
+                break;
             }
-            while entries.pop().is_some() {}
-            numbers.add(&chunk);
-            about = about.or_else(|| text(&chunk, blueprint::ABOUT));
-            trajectory = trajectory.or_else(|| positions(&chunk, blueprint::TRAJECTORY));
         }
         let about = about.ok_or_else(|| not("it does not tell how the run was made"))?;
         let About { version, log, device, configuration: config } =
@@ -141,21 +141,25 @@ impl RecordedRun {
             source: Box::new(source),
         };
         config.validate().map_err(unusable)?;
-        Ok(Self {
-            path: path.to_owned(),
-            places: places.into(),
-            version,
-            info: RunInfo { log, device, config },
-            entries: entries.count(),
-            steps: numbers.steps(),
-            result: numbers.result(),
-            trajectory: trajectory.unwrap_or_default(),
-        })
+        Ok(Self { path: path.to_owned(), version, info: RunInfo { log, device, config } })
+    }
+
+    /// Name of the file, without its ending.
+    pub fn name(&self) -> String {
+        self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
+    pub(super) fn not(&self, reason: &str) -> ReadError {
+        ReadError::NotARecording { path: self.path.clone(), reason: reason.to_owned() }
+    }
+
+    pub(super) fn chunks(&self) -> Result<Chunks, ReadError> {
+        Chunks::open(&self.path)
     }
 
     /// Sends everything that belongs to a step to another recording, with paths that lie under `root`.
     pub(super) fn send(&self, stream: &RecordingStream, root: &str) -> Result<(), ReadError> {
-        for chunk in Chunks::open(&self.path)? {
+        for chunk in self.chunks()? {
             let (_, chunk) = chunk?;
             let path = chunk.entity_path().to_string();
             if !chunk.is_static() && ["/world", "/plots"].iter().any(|shown| path.starts_with(shown)) {
@@ -167,13 +171,55 @@ impl RecordedRun {
     }
 }
 
+impl RecordedRun {
+    /// Reads a recording.
+    ///
+    /// # Errors
+    /// Those of [`Store::open`], and of [`RecordedRun::new`].
+    pub fn open(path: &Path) -> Result<Self, ReadError> {
+        Self::new(Store::open(path)?)
+    }
+
+    /// Reads what a file holds.
+    ///
+    /// # Errors
+    /// It cannot be read, or is damaged.
+    pub fn new(store: Store) -> Result<Self, ReadError> {
+        let mut trajectory = None;
+        let (mut entries, mut numbers) = (Entries::default(), Numbers::new(&NUMBERS));
+        let mut places = Vec::new();
+        for chunk in store.chunks()? {
+            let (place, chunk) = chunk?;
+            if entries.add(&chunk).ok_or_else(|| store.not("its log is damaged"))? {
+                places.push(place);
+            }
+            while entries.pop().is_some() {}
+            numbers.add(&chunk);
+            trajectory = trajectory.or_else(|| positions(&chunk, blueprint::TRAJECTORY));
+        }
+        Ok(Self {
+            store,
+            places: places.into(),
+            entries: entries.count(),
+            steps: steps(&numbers),
+            result: result(&numbers),
+            trajectory: trajectory.unwrap_or_default(),
+        })
+    }
+
+    /// What the file is, and how the run was made.
+    pub fn store(&self) -> &Store {
+        &self.store
+    }
+}
+
 impl LogSource for RecordedRun {
     fn name(&self) -> String {
-        self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+        self.store.name()
     }
 
     fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
-        let path = self.path.clone();
+        let path = self.store.path.clone();
         let open_error = |error| LogError::Open { path: path.clone(), source: std::io::Error::other(error) };
         let chunks = Chunks::open(&path).map_err(open_error)?.at(Arc::clone(&self.places));
         let (entries, stats) = (Entries::default(), LogStats::default());
@@ -182,7 +228,7 @@ impl LogSource for RecordedRun {
 }
 
 /// The text that a chunk holds, if it is of this path.
-fn text(chunk: &Chunk, path: &str) -> Option<String> {
+pub(super) fn text(chunk: &Chunk, path: &str) -> Option<String> {
     if *chunk.entity_path() != path.into() {
         return None;
     }
@@ -209,54 +255,68 @@ pub(super) fn rows(chunk: &Chunk, timeline: &'static str) -> Vec<(i64, Vec<f64>)
     times.zip(numbers).map(|((time, _), numbers)| (time.as_i64(), row(numbers.as_slice()))).collect()
 }
 
-/// The numbers that are recorded of each step, by path.
-#[derive(Default)]
-struct Numbers(BTreeMap<&'static str, BTreeMap<i64, Vec<f64>>>);
+/// Rows of numbers, by path and then by time.
+pub(super) struct Numbers {
+    /// Paths to keep, each with the timeline of its rows.
+    paths: &'static [(&'static str, &'static str)],
+    rows: BTreeMap<&'static str, BTreeMap<i64, Vec<f64>>>,
+}
 
 impl Numbers {
-    const PATHS: [&'static str; 6] = [
-        blueprint::POSE,
-        blueprint::CHECKSUM,
-        blueprint::EFFECTIVE_SAMPLE_SIZE,
-        blueprint::CLUSTERS,
-        blueprint::SECONDS,
-        blueprint::RESULT,
-    ];
+    pub(super) const fn new(paths: &'static [(&'static str, &'static str)]) -> Self {
+        Self { paths, rows: BTreeMap::new() }
+    }
 
-    fn add(&mut self, chunk: &Chunk) {
-        let is_of = |path: &&&str| *chunk.entity_path() == (**path).into();
-        if let Some(path) = Self::PATHS.iter().find(is_of)
+    /// Keeps what a chunk holds of these paths.
+    pub(super) fn add(&mut self, chunk: &Chunk) {
+        let is_of = |(path, _): &&(&str, &str)| *chunk.entity_path() == (*path).into();
+        if let Some((path, timeline)) = self.paths.iter().find(is_of)
             && !chunk.is_static()
         {
-            self.0.entry(path).or_default().extend(rows(chunk, blueprint::STEP_TIMELINE));
+            self.rows.entry(path).or_default().extend(rows(chunk, timeline));
         }
     }
 
-    fn of(&self, path: &str, step: i64) -> Option<&[f64]> {
-        self.0.get(path)?.get(&step).map(Vec::as_slice)
+    /// The rows of a path, in the order of their times.
+    pub(super) fn rows<'a>(&'a self, path: &str) -> impl DoubleEndedIterator<Item = (i64, &'a [f64])> + use<'a> {
+        self.rows.get(path).into_iter().flatten().map(|(&time, row)| (time, row.as_slice()))
     }
 
-    fn steps(&self) -> Vec<RecordedStep> {
-        let step = |(&step, pose): (&i64, &Vec<f64>)| {
-            let &[x, y, heading] = pose.as_array()?;
-            Some(RecordedStep {
-                step: step as u32,
-                world_from_robot: exactly(x, y, heading),
-                checksum: *self.of(blueprint::CHECKSUM, step)?.first()? as u32,
-                effective_sample_size: *self.of(blueprint::EFFECTIVE_SAMPLE_SIZE, step)?.first()?,
-                clusters: *self.of(blueprint::CLUSTERS, step)?.first()? as usize,
-                times: StageTimes::from_seconds(self.of(blueprint::SECONDS, step)?.try_into().ok()?),
-            })
-        };
-        // The last step may have been written in part.
-        self.0.get(blueprint::POSE).into_iter().flatten().map_while(step).collect()
+    fn at(&self, path: &str, time: i64) -> Option<&[f64]> {
+        self.rows.get(path)?.get(&time).map(Vec::as_slice)
     }
+}
 
-    fn result(&self) -> Option<RecordedResult> {
-        let (_, row) = self.0.get(blueprint::RESULT)?.last_key_value()?;
-        let &[checksum, is_smoothed] = row.as_array()?;
-        Some(RecordedResult { checksum: checksum as u32, is_smoothed: is_smoothed == 1.0 })
-    }
+/// The numbers that are recorded of each step of a run.
+const NUMBERS: [(&str, &str); 6] = [
+    (blueprint::POSE, blueprint::STEP_TIMELINE),
+    (blueprint::CHECKSUM, blueprint::STEP_TIMELINE),
+    (blueprint::EFFECTIVE_SAMPLE_SIZE, blueprint::STEP_TIMELINE),
+    (blueprint::CLUSTERS, blueprint::STEP_TIMELINE),
+    (blueprint::SECONDS, blueprint::STEP_TIMELINE),
+    (blueprint::RESULT, blueprint::STEP_TIMELINE),
+];
+
+fn steps(numbers: &Numbers) -> Vec<RecordedStep> {
+    let step = |(step, pose): (i64, &[f64])| {
+        let &[x, y, heading] = pose.as_array()?;
+        Some(RecordedStep {
+            step: step as u32,
+            world_from_robot: exactly(x, y, heading),
+            checksum: *numbers.at(blueprint::CHECKSUM, step)?.first()? as u32,
+            effective_sample_size: *numbers.at(blueprint::EFFECTIVE_SAMPLE_SIZE, step)?.first()?,
+            clusters: *numbers.at(blueprint::CLUSTERS, step)?.first()? as usize,
+            times: StageTimes::from_seconds(numbers.at(blueprint::SECONDS, step)?.try_into().ok()?),
+        })
+    };
+    // The last step may have been written in part.
+    numbers.rows(blueprint::POSE).map_while(step).collect()
+}
+
+fn result(numbers: &Numbers) -> Option<RecordedResult> {
+    let (_, row) = numbers.rows(blueprint::RESULT).next_back()?;
+    let &[checksum, is_smoothed] = row.as_array()?;
+    Some(RecordedResult { checksum: checksum as u32, is_smoothed: is_smoothed == 1.0 })
 }
 
 /// A pose as it was: its heading is not wrapped again.
