@@ -140,7 +140,7 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         outputs.note(Err(anyhow!("{error}")));
     }
 
-    outputs.write_trajectory("trajectory.tum", &outcome.result.trajectory());
+    outputs.write_poses(&outcome.result);
     outputs.write("config.toml", toml::to_string(&config)?.as_bytes());
     let readings = readings(&outcome.result);
     let errors = reference.as_deref().map(|reference| errors(&readings, reference));

@@ -168,7 +168,7 @@ impl Job<'_> {
             .note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
         let trajectory_path = outputs.path("trajectory.tum");
         let trajectory = mapped.result.trajectory();
-        outputs.write_trajectory("trajectory.tum", &trajectory);
+        outputs.write_poses(&mapped.result);
         outputs.write("config.toml", toml::to_string(config)?.as_bytes());
         let (report, truth) = self.truth.score(&trajectory_path, &trajectory, &mapped.truth);
         let began = Instant::now();

@@ -100,7 +100,8 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let seconds = began.elapsed().as_secs_f64();
 
     let score = Score::of(&args.recording, &recording, &found)?;
-    outputs.write_trajectory("trajectory.tum", &found.trajectory());
+    let path = outputs.stage("trajectory.tum");
+    outputs.note(tum::write(&path, &found.trajectory()));
     for (name, text) in results::files(&recording, &found) {
         outputs.write(name, text.as_bytes());
     }

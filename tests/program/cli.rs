@@ -28,6 +28,7 @@ const OUTPUTS: [&str; 14] = [
     "map.png",
     "map.svg",
     "map.yaml",
+    "poses.csv",
     "summary.json",
     "trajectory.tum",
     "walls.geojson",
@@ -749,7 +750,11 @@ fn the_robot_is_found_in_a_map_of_either_kind() {
         // Once found, a few do.
         assert!(found["particles"]["median"].as_u64().unwrap() < 2000, "{found:#}");
         assert_eq!(place.summary("found")["particles"], found["particles"]);
-        assert!(!tum::read(&place.path("found/trajectory.tum")).unwrap().is_empty());
+        // A pose that is not relied on is there and marked.
+        let located = tum::read(&place.path("found/trajectory.tum")).unwrap().len();
+        let poses = std::fs::read_to_string(place.path("found/poses.csv")).unwrap();
+        let [relied_on, not] = [",1", ",0"].map(|end| poses.lines().filter(|row| row.ends_with(end)).count());
+        assert!(located > 0 && relied_on == located && not > 0, "{located} located; {relied_on} and {not} rows");
         assert!(std::fs::read(place.path("found/map.png")).unwrap().starts_with(b"\x89PNG"));
     }
 }
