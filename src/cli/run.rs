@@ -72,6 +72,10 @@ pub struct ThreadArgs {
 impl ThreadArgs {
     /// Starts them.
     pub fn start(&self) -> anyhow::Result<()> {
+        // As rayon starts them by itself; a second command of one process has them already.
+        if self.threads == 0 {
+            return Ok(());
+        }
         let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(self.threads));
         pool.build_global().context("no threads (option --threads)")
     }
