@@ -6,7 +6,7 @@ robot's pose at the first scan: x ahead, y to its left. A pose is ``(x, y, headi
 
 from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, final
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,23 @@ _Array: TypeAlias = npt.NDArray[np.float64]
 _Path: TypeAlias = str | PathLike[str]
 _Config: TypeAlias = str | Mapping[str, Any]
 _Pose: TypeAlias = Sequence[float] | _Array
+
+__all__ = [
+    "Localization",
+    "Log",
+    "Map",
+    "Odometry",
+    "Result",
+    "Scan",
+    "Slam",
+    "Step",
+    "__version__",
+    "_main",
+    "cluster",
+    "evaluate",
+    "read_log",
+    "run",
+]
 
 __version__: str
 
@@ -40,6 +57,7 @@ def read_log(
         It is no log, or has several topics of a kind.
     """
 
+@final
 class Log:
     """A log that can be read from its start any number of times: iterate over it."""
 
@@ -47,6 +65,7 @@ class Log:
     def name(self) -> str: ...
     def __iter__(self) -> Iterator[Scan | Odometry]: ...
 
+@final
 class Scan:
     """One sweep of the laser."""
 
@@ -69,6 +88,7 @@ class Scan:
     def laser(self) -> _Array:
         """Pose of the laser on the robot, shape (3,)."""
 
+@final
 class Odometry:
     """Where odometry believes the robot to be."""
 
@@ -78,6 +98,7 @@ class Odometry:
     def odom(self) -> _Array:
         """Shape (3,)."""
 
+@final
 class Step:
     """What a filter made of one reading."""
 
@@ -99,6 +120,7 @@ class Step:
     def particles(self) -> _Array | None:
         """x, y, heading and weight of each, before resampling, shape (M, 4); None as above."""
 
+@final
 class Result:
     """What a filter found."""
 
@@ -117,6 +139,7 @@ class Result:
     @property
     def map(self) -> Map: ...
 
+@final
 class Map:
     """A map of line clusters, with the area where a robot can be."""
 
@@ -136,6 +159,7 @@ class Map:
         """Square metres where a robot can be; 0 where the map does not tell."""
     def __len__(self) -> int: ...
 
+@final
 class Slam:
     """Mapping: IPSLAM, one reading at a time.
 
@@ -156,14 +180,14 @@ class Slam:
     Readings are kept until the object goes: ``finish`` matches every scan to the finished map.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         config: _Config | None = None,
         *,
         maps: int | None = None,
         particles: int | None = None,
         seed: int | None = None,
-    ) -> None: ...
+    ) -> Slam: ...
     def add(
         self,
         stamp: float,
@@ -173,7 +197,7 @@ class Slam:
         odom: _Pose,
         *,
         range_max: float = ...,
-        laser: _Pose = (0.0, 0.0, 0.0),
+        laser: _Pose = ...,
     ) -> Step:
         """Take in a sweep of the laser.
 
@@ -190,7 +214,7 @@ class Slam:
         range_max
             Ranges at or above it are no return.
         laser
-            Pose of the laser on the robot.
+            Pose of the laser on the robot; (0, 0, 0) without.
 
         Raises
         ------
@@ -204,6 +228,7 @@ class Slam:
     def finish(self) -> Result:
         """Smooth what was found so far: every scan and the map are fitted to each other. More readings may follow."""
 
+@final
 class Localization:
     """The robot in a map that is known.
 
@@ -214,7 +239,7 @@ class Localization:
     start
         Pose of the robot at first; without it, the robot may be anywhere.
     start_spread
-        Standard deviations of its position and heading.
+        Standard deviations of its position and heading: 0.5 m and 0.26 rad.
     config
         Any part of the configuration, as a dict or as TOML.
 
@@ -224,14 +249,14 @@ class Localization:
         The map has no wall or no free area, or a value of ``config`` cannot be.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         map: Map,
         *,
         start: _Pose | None = None,
-        start_spread: Sequence[float] = (0.5, 0.26),
+        start_spread: Sequence[float] = ...,
         config: _Config | None = None,
-    ) -> None: ...
+    ) -> Localization: ...
     def add(
         self,
         stamp: float,
@@ -241,7 +266,7 @@ class Localization:
         odom: _Pose,
         *,
         range_max: float = ...,
-        laser: _Pose = (0.0, 0.0, 0.0),
+        laser: _Pose = ...,
     ) -> Step:
         """Take in a sweep of the laser, as :meth:`Slam.add`."""
     def add_odometry(self, stamp: float, odom: _Pose) -> Step:
@@ -308,3 +333,6 @@ def run(log: _Path, out: _Path, **options: Any) -> dict[str, Any]:
     RuntimeError
         What the command would have told.
     """
+
+def _main() -> int:
+    """Run the command line of ``sys.argv`` and return its exit code."""

@@ -67,13 +67,15 @@ def test_a_drive_is_mapped_near_the_truth(drive, mapped):
     stamps, truth = true_poses(drive)
     found = mapped.trajectory
     assert found.shape[1] == 4 and np.isfinite(found).all()
-    at = np.searchsorted(found[:, 0], stamps)
-    apart = np.linalg.norm(found[np.minimum(at, len(found) - 1), 1:3] - truth[:, :2], axis=1)
+    # Of the readings of a stamp the last one, the scan.
+    at = np.searchsorted(found[:, 0], stamps + 1e-6) - 1
+    np.testing.assert_allclose(found[at, 0], stamps, atol=1e-6)
+    apart = np.linalg.norm(found[at, 1:3] - truth[:, :2], axis=1)
     assert apart.mean() < 0.3, apart.mean()
     scores = ipslam.evaluate(found, reference=drive / "truth.tum")
     assert scores["unmatched"] == 0 and scores["ate"]["rmse"] < 0.1, scores
     # By hand: alignment by singular values (Kabsch), and the root of the mean square.
-    a, b = found[np.minimum(at, len(found) - 1), 1:3], truth[:, :2]
+    a, b = found[at, 1:3], truth[:, :2]
     u, _, vt = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)))
     turn = u @ np.diag([1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
     rmse = np.sqrt((((a - a.mean(0)) @ turn - (b - b.mean(0))) ** 2).sum(1).mean())

@@ -34,7 +34,7 @@ impl Slam {
         seed: Option<u64>,
     ) -> PyResult<Self> {
         let mut config = SlamConfig::default().with_toml(&toml(config)?).map_err(|error| config_error(&error))?;
-        config.particles = particles.or(maps).unwrap_or(config.particles);
+        config.particles = particles.or(maps.map(|maps| maps.max(1))).unwrap_or(config.particles);
         config.maps = maps.unwrap_or(config.maps);
         config.seed = seed.unwrap_or(config.seed);
         config.validate().map_err(|error| config_error(&error))?;
