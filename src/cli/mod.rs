@@ -37,6 +37,11 @@ const EXIT_CODES: &str = "Exit codes:
   2    wrong usage: an option or a value of the configuration cannot be
   130  interrupted; what was done until then was written";
 
+/// What was asked for cannot be.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct UsageError(&'static str);
+
 const FAILED: u8 = 1;
 const WRONG_USAGE: u8 = 2;
 
@@ -129,7 +134,7 @@ fn execute(command: Command) -> (u8, Vec<String>) {
     let code = match &errors[..] {
         [] if interrupt::happened() => interrupt::EXIT_CODE,
         [] => 0,
-        [error, ..] if error.is::<ConfigError>() => WRONG_USAGE,
+        [error, ..] if error.is::<ConfigError>() || error.is::<UsageError>() => WRONG_USAGE,
         _ => FAILED,
     };
     interrupt::forget();

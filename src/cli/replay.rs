@@ -53,7 +53,7 @@ mod with_recorder {
     use super::super::interrupt;
     use super::super::output::Outputs;
     use super::super::recording::refuse_input;
-    use super::super::run::Job;
+    use super::super::run::{Job, Printed};
     use super::super::say::{print_line, say};
     use super::ReplayArgs;
     use anyhow::{bail, ensure};
@@ -113,7 +113,7 @@ mod with_recorder {
             truth: &truth,
             cell_size: RESOLUTION,
             smooth,
-            quiet: args.json,
+            printed: (!args.json).then_some(Printed::Table),
         };
         let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
         drop(observers);

@@ -46,6 +46,9 @@ pub struct RunArgs {
     backend: BackendArgs,
     #[command(flatten)]
     recording: RecordingArgs,
+    /// Print the summary as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// The grid that is written.
@@ -101,7 +104,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         truth: &truth,
         cell_size: args.grid.cell_size,
         smooth: true,
-        quiet: false,
+        printed: Some(if args.json { Printed::Json } else { Printed::Table }),
     };
     let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
     if mapped.counts.scans > 0 {
@@ -122,6 +125,13 @@ fn progress_message(counts: &Counts, seconds: f64) -> String {
     )
 }
 
+/// What is printed of a run's summary.
+#[derive(Clone, Copy)]
+pub enum Printed {
+    Table,
+    Json,
+}
+
 /// A run about to start.
 pub struct Job<'a> {
     pub source: &'a dyn LogSource,
@@ -136,7 +146,8 @@ pub struct Job<'a> {
     /// Whether the result is smoothed.
     pub smooth: bool,
     /// Whether the summary stays in its file.
-    pub quiet: bool,
+    /// Where anything is.
+    pub printed: Option<Printed>,
 }
 
 impl Job<'_> {
@@ -179,10 +190,13 @@ impl Job<'_> {
         let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth, self.cell_size);
         let drawing_seconds = began.elapsed().as_secs_f64();
         let summary = Summary { name, device, mapped, config, map_bytes, drawing_seconds, report: &report };
-        outputs.write("summary.json", format!("{:#}\n", summary.json()?).as_bytes());
-        if !self.quiet {
-            // Whoever closed this pipe has read enough; the summary is in its file.
-            print_line!("{}", summary.table().trim_end());
+        let json = format!("{:#}", summary.json()?);
+        outputs.write("summary.json", format!("{json}\n").as_bytes());
+        // Whoever closed this pipe has read enough; the summary is in its file.
+        match self.printed {
+            Some(Printed::Table) => print_line!("{}", summary.table().trim_end()),
+            Some(Printed::Json) => print_line!("{json}"),
+            None => {}
         }
         if let End::BrokeOff(error) = &mapped.end {
             outputs.note(Err(anyhow!("{error}")));

@@ -16,7 +16,7 @@ use tempfile::TempDir;
 
 const SEED: u64 = 3;
 const FEW: [&str; 4] = ["--maps", "4", "--particles", "4"];
-const OUTPUTS: [&str; 14] = [
+const OUTPUTS: [&str; 15] = [
     "config.toml",
     "figure3_odometry_map.png",
     "figure4a_trajectory.png",
@@ -385,9 +385,11 @@ fn damaged_lines_are_left_out_and_counted() {
     });
     assert!(laser > 10, "{laser} laser readings; is the log still written as FLASER?");
     place.write("damaged.log", damaged);
-    place.run(&["damaged.log", "--out", "out"]).ended(0);
+    let printed = place.run(&["damaged.log", "--out", "out", "--json"]);
+    printed.ended(0);
     place.assert_outputs("out");
     let summary = place.summary("out");
+    assert_eq!(serde_json::from_str::<Value>(&printed.out).unwrap(), summary);
     assert_eq!(summary["beams"]["scans"], laser - 2);
     assert_eq!(summary["beams"]["scans_without_points"], 2);
     assert_eq!(summary["log"]["stats"]["malformed"], 2);
@@ -779,10 +781,10 @@ fn a_map_that_cannot_be_used_is_an_error() {
         (&["no_area.json", "drive.clf"], &["does not tell where a robot can be", "run the log again"]),
         (&["no_walls.json", "drive.clf"], &["no_walls.json: it has no wall"]),
         (&["mapped/map.json", "none.clf"], &["none.clf: cannot be opened"]),
-        (&["mapped/map.json"], &["no log is named"]),
     ] {
         place.ipslam(&[&["localize"], words].concat()).failed(1, expected);
     }
+    place.ipslam(&["localize", "mapped/map.json"]).failed(2, &["no log is named"]);
     for words in [["--start", "1,2"], ["--start", "1,2,x"], ["--max-particles", "-1"], ["--max-particles", "0"]] {
         place.ipslam(&[&["localize", "mapped/map.json", "drive.clf"], &words[..]].concat()).ended(2);
     }

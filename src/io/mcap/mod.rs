@@ -1,4 +1,5 @@
-//! ROS 2 bags in MCAP files (`.mcap`), with chunks packed by zstd, lz4 or not at all.
+//! Bags of ROS: of ROS 2 in MCAP files (`.mcap`), with chunks packed by zstd, lz4 or not at all, or in SQLite files (`.db3`);
+//! and of ROS 1 (`.bag`).
 //!
 //! In: a file, or the files of a bag one after the other. Out: its odometry and laser sweeps as [`LogEntry`]s in the order
 //! of their stamps, metres, radians and seconds, stamped with the messages' `header.stamp`. Messages and chunks that cannot
@@ -46,18 +47,24 @@ use crate::geometry::Pose;
 use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use frames::Mounting;
 use messages::{Header, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
-use records::{Channel, Next, Records};
+use records::{Channel, Next};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
+use storage::Storage;
 use survey::{OdometrySource, Plan, is_static, survey};
 
 mod frames;
 mod messages;
 mod records;
+mod ros1;
+#[cfg(not(target_family = "wasm"))]
+mod sqlite;
+mod storage;
 mod survey;
 
-pub(super) use records::MAGIC;
+use records::MAGIC;
+pub(super) use storage::is_bag;
 
 /// Scans that wait for odometry, and odometry that waits for scans, at most: the one comes without the other.
 const MAX_WAITING_SCANS: usize = 256;
@@ -117,7 +124,7 @@ impl LogSource for McapLog {
         Ok(Box::new(McapReader {
             path: self.path.clone(),
             plan: Arc::clone(&self.plan),
-            records: Records::open(self.files.clone()).map_err(open_error)?,
+            records: Storage::open(self.files.clone()).map_err(open_error)?,
             odometry: VecDeque::new(),
             scans: VecDeque::new(),
             last_odometry: None,
@@ -148,7 +155,7 @@ struct StampedOdometry {
 struct McapReader {
     path: PathBuf,
     plan: Arc<Plan>,
-    records: Records,
+    records: Storage,
     /// Odometry that was read and not handed out, in the order of the file.
     odometry: VecDeque<StampedOdometry>,
     /// Scans that were read and not handed out, with their stamps and how long they took \[ns\], without odometry.
@@ -299,7 +306,7 @@ impl LogReader for McapReader {
     }
 
     fn progress(&self) -> Option<(u64, u64)> {
-        Some((self.records.consumed(), self.records.all))
+        Some(self.records.progress())
     }
 }
 

@@ -3,7 +3,8 @@
 use super::Topics;
 use super::frames::{Frames, Mounting};
 use super::messages::{self, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms};
-use super::records::{Channel, Next, Records};
+use super::records::{Channel, Next};
+use super::storage::Storage;
 use crate::log::LogError;
 use nalgebra::Isometry3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -44,7 +45,7 @@ pub(super) enum OdometrySource {
 /// The bag cannot be opened, or it is not clear which of its topics make the log.
 pub(super) fn survey(path: &Path, files: Vec<PathBuf>, topics: &Topics) -> Result<Plan, LogError> {
     let open_error = |source| LogError::Open { path: path.to_owned(), source };
-    let mut records = Records::open(files).map_err(open_error)?;
+    let mut records = Storage::open(files).map_err(open_error)?;
     let mut found = Survey::default();
     let (mut messages, mut first_damage) = (0, None);
     let broke_off = loop {
