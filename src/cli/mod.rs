@@ -1,5 +1,7 @@
 //! Arguments -> configuration -> run -> exit code.
 
+#![allow(rustdoc::broken_intra_doc_links, reason = "help texts tell units in brackets")]
+
 use clap::{CommandFactory as _, Parser, Subcommand};
 use ipslam::config::ConfigError;
 use say::say;

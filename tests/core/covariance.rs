@@ -18,7 +18,7 @@ const CHI2_95_3DOF: f64 = 7.815;
 fn normalised_square(covariance: &Matrix3<f64>, found: Pose, truth: Pose) -> f64 {
     let error = Vector3::new(found.x - truth.x, found.y - truth.y, wrap_angle(found.heading - truth.heading));
     assert!((covariance - covariance.transpose()).amax() < 1e-12, "{covariance}");
-    error.dot(&covariance.cholesky().expect("positive definite").solve(&error))
+    error.dot(&covariance.cholesky().unwrap().solve(&error))
 }
 
 /// The motion that lays poses over others with the least squares of distance (in the plane Horn's method is one angle).
