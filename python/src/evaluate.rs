@@ -14,6 +14,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
 
+/// Cluster the points of a scan, shape (N, 2), into lines; returns a structured array as `Map.clusters`.
 #[pyfunction]
 #[pyo3(signature = (points, config=None))]
 pub fn cluster<'py>(
@@ -45,6 +46,7 @@ impl Trajectory<'_> {
     }
 }
 
+/// Score a trajectory, rows of t, x, y, heading or a file, against reference poses, relations, or both; in metres and radians.
 #[pyfunction]
 #[pyo3(signature = (trajectory, *, reference=None, relations=None))]
 pub fn evaluate<'py>(

@@ -10,6 +10,7 @@ mod log;
 mod map;
 mod program;
 
+/// 2-D laser SLAM whose map is a few hundred Gaussian line clusters: metres, radians, seconds; poses are (x, y, heading).
 #[pymodule(name = "ipslam")]
 mod module {
     #[pymodule_export]

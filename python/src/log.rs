@@ -15,6 +15,7 @@ use std::sync::{Mutex, PoisonError};
 #[pyclass(frozen, module = "ipslam")]
 pub struct Log(pub Box<dyn LogSource>);
 
+/// Open a log: a CARMEN log, plain or gzip, or a ROS bag (its file or folder). `fov` is in radians.
 #[pyfunction]
 #[pyo3(signature = (path, *, scan_topic=None, odom_topic=None, fov=None))]
 pub fn read_log(

@@ -16,6 +16,7 @@ pub struct Map(pub LineMap);
 
 #[pymethods]
 impl Map {
+    /// Read map.json, or the YAML file of an occupancy grid (ROS map_server).
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         py.detach(|| match path.extension().and_then(|ending| ending.to_str()) {
@@ -31,16 +32,19 @@ impl Map {
         .map_err(value)
     }
 
+    /// Write map.json.
     fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| write_whole(&path, |file| map_json::write_map(&self.0, file)))
             .map_err(|error| PyOSError::new_err(error.to_string()))
     }
 
+    /// Structured array of mean (2), direction (2), std_along, std_across and count.
     #[getter]
     fn clusters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         of_clusters(py, &self.0.clusters)
     }
 
+    /// Square metres where a robot can be; 0 where the map does not tell.
     #[getter]
     fn free_area(&self) -> f64 {
         self.0.free.as_ref().map_or(0.0, FreeArea::area)

@@ -14,6 +14,7 @@ pub fn main(py: Python<'_>) -> PyResult<u8> {
     Ok(py.detach(|| ipslam::cli::main(words)))
 }
 
+/// Map a log with all the files of `ipslam run LOG --out OUT`; `maps=64` is its option `--maps 64`. Returns the summary.
 #[pyfunction]
 #[pyo3(signature = (log, out, **options))]
 pub fn run<'py>(

@@ -51,6 +51,7 @@ impl Localization {
         Ok(Self(Mutex::new(Filter::new(filter))))
     }
 
+    /// Take in a sweep: ranges of shape (N,), angles in radians, poses as (x, y, heading). Returns what followed from it.
     #[expect(clippy::too_many_arguments, reason = "those of Python")]
     #[pyo3(signature = (stamp, ranges, angle_min, angle_increment, odom, *, range_max=f64::INFINITY, laser=[0.0; 3]))]
     fn add(
@@ -68,15 +69,18 @@ impl Localization {
         Ok(self.work(py, |filter| filter.add(entry)))
     }
 
+    /// Take in odometry between sweeps; it can be left out.
     fn add_odometry(&self, py: Python<'_>, stamp: f64, odom: [f64; 3]) -> PyResult<step::Step> {
         let entry = odometry(stamp, odom)?;
         Ok(self.work(py, |filter| filter.add(entry)))
     }
 
+    /// Take in a whole log.
     fn add_log(&self, py: Python<'_>, log: &Log) -> PyResult<()> {
         self.work(py, |filter| filter.add_log(log))
     }
 
+    /// What was found so far, with the map that is known. More readings may follow.
     fn finish(&self, py: Python<'_>) -> PyResult<result::Result> {
         let found = self.work(py, |filter| filter.estimator.result());
         result::Result::new(py, found)

@@ -23,11 +23,13 @@ impl Result {
 
 #[pymethods]
 impl Result {
+    /// t, x, y, heading at every reading that can be relied on, shape (N, 4).
     #[getter]
     fn trajectory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         of_trajectory(py, &self.result.trajectory())
     }
 
+    /// t, x, y, heading at every reading; nan where there is no pose yet.
     #[getter]
     fn poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let row = |estimate: &ipslam::report::Estimate| {
@@ -37,6 +39,7 @@ impl Result {
         of_rows(py, &self.result.poses.iter().map(row).collect::<Vec<_>>())
     }
 
+    /// Covariances of (x, y, heading) of `poses`, shape (N, 3, 3).
     #[getter]
     fn covariances<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let matrix = |estimate: &ipslam::report::Estimate| {
@@ -49,6 +52,7 @@ impl Result {
         of_matrices(py, &self.result.poses.iter().map(matrix).collect::<Vec<_>>())
     }
 
+    /// Whether each of `poses` can be relied on.
     #[getter]
     fn relied_on<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         let relied_on: Vec<bool> = self.result.poses.iter().map(|estimate| estimate.relied_on().is_some()).collect();

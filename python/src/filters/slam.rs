@@ -41,6 +41,7 @@ impl Slam {
         Ok(Self { config, filter: Mutex::new(Filter::new(ipslam::slam::Slam::new(config))) })
     }
 
+    /// Take in a sweep: ranges of shape (N,), angles in radians, poses as (x, y, heading). Returns what followed from it.
     #[expect(clippy::too_many_arguments, reason = "those of Python")]
     #[pyo3(signature = (stamp, ranges, angle_min, angle_increment, odom, *, range_max=f64::INFINITY, laser=[0.0; 3]))]
     fn add(
@@ -58,15 +59,18 @@ impl Slam {
         Ok(self.work(py, |filter| filter.add(entry)))
     }
 
+    /// Take in odometry between sweeps; it can be left out.
     fn add_odometry(&self, py: Python<'_>, stamp: f64, odom: [f64; 3]) -> PyResult<step::Step> {
         let entry = odometry(stamp, odom)?;
         Ok(self.work(py, |filter| filter.add(entry)))
     }
 
+    /// Take in a whole log.
     fn add_log(&self, py: Python<'_>, log: &Log) -> PyResult<()> {
         self.work(py, |filter| filter.add_log(log))
     }
 
+    /// Smooth what was found so far: every scan and the map are fitted to each other. More readings may follow.
     fn finish(&self, py: Python<'_>) -> PyResult<result::Result> {
         let smoothed = self.work(py, |filter| {
             let mut result = filter.estimator.result();
