@@ -75,6 +75,7 @@ enum Command {
     #[command(after_help = EXIT_CODES)]
     Bench(bench::BenchArgs),
     Convert(convert::ConvertArgs),
+    Config(configuration::ExplainArgs),
     Completions(help::CompletionsArgs),
     Man(help::ManArgs),
 }
@@ -130,6 +131,7 @@ fn execute(command: Command) -> (u8, Vec<String>) {
         Command::Devices(args) => devices::devices(&args).unwrap_or_else(|error| vec![error]),
         Command::Bench(args) => bench::bench(&args).unwrap_or_else(|error| vec![error]),
         Command::Convert(args) => convert::convert(&args).err().into_iter().collect(),
+        Command::Config(args) => configuration::explain(&args).err().into_iter().collect(),
         Command::Completions(args) => help::completions(&args, Cli::command()).err().into_iter().collect(),
         Command::Man(args) => help::man(&args, Cli::command()).err().into_iter().collect(),
     };

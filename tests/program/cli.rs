@@ -698,8 +698,20 @@ fn what_cannot_be_converted_is_told_with_what_can() {
 #[test]
 fn shells_and_manuals_know_every_command() {
     let place = Place::new();
-    let commands =
-        ["run", "localize", "replay", "view", "eval", "simulate", "devices", "bench", "convert", "completions", "man"];
+    let commands = [
+        "run",
+        "localize",
+        "replay",
+        "view",
+        "eval",
+        "simulate",
+        "devices",
+        "bench",
+        "convert",
+        "config",
+        "completions",
+        "man",
+    ];
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let done = place.ipslam(&["completions", shell]);
         for word in commands.iter().chain(&["max-scans", "ipslam"]) {
@@ -718,6 +730,34 @@ fn shells_and_manuals_know_every_command() {
     place.write("script", script);
     let done = Done::new(Command::new("bash").args(["-n"]).arg(place.path("script")).output().unwrap());
     done.ended(0);
+}
+
+/// What `config` prints is a configuration, and what the documentation has.
+#[test]
+fn every_parameter_is_explained() {
+    let place = Place::new();
+    let printed = place.ipslam(&["config"]).ended(0).out.clone();
+    // Every key is there, with its default and a comment above it.
+    let defaults = toml::Table::try_from(ipslam::config::SlamConfig::default()).unwrap();
+    assert_eq!(toml::from_str::<toml::Table>(&printed).unwrap(), defaults);
+    let lines: Vec<&str> = printed.lines().collect();
+    assert_eq!(lines.windows(2).find(|pair| pair[1].contains(" = ") && !pair[0].starts_with('#')), None);
+    let range = "# Shorter ranges are no measurement [m].\n# Range: 0 to 1000000.\nmin_range = 0.1\n";
+    assert!(printed.contains(range), "{printed}");
+    place.write("drive.log", drive(1.0).1);
+    place.write(
+        "all.toml",
+        printed.replace("\nmaps = 256\n", "\nmaps = 2\n").replace("\nparticles = 256\n", "\nparticles = 2\n"),
+    );
+    place.ipslam(&["run", "drive.log", "--config", "all.toml", "--out", "out"]).ended(0);
+    assert_eq!(place.summary("out")["configuration"]["maps"], 2);
+    let documented = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/parameters.md")).unwrap();
+    let (_, block) = documented.split_once("```toml\n").unwrap();
+    assert_eq!(
+        block.trim_end().strip_suffix("```").unwrap(),
+        printed,
+        "docs/parameters.md is not what `ipslam config` prints"
+    );
 }
 
 /// In the map of a drive, by the log of the same drive: as `map.json` and as a grid, from anywhere and from a prior.
