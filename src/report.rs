@@ -8,6 +8,7 @@ use crate::map::LineMap;
 use crate::ppca::Cluster;
 use crate::scan::Scan;
 use crc32fast::Hasher;
+use nalgebra::Matrix3;
 use serde::Serialize;
 use std::ops::AddAssign;
 use web_time::Instant;
@@ -64,6 +65,10 @@ pub struct Estimate {
     pub odom_from_robot: Pose,
     /// The MAP estimate of the pose; `None` before the first scan.
     pub world_from_robot: Option<Pose>,
+    /// What the filter knew of the pose when it had this reading and no later one: covariance of (x \[m\], y \[m\], heading
+    /// \[rad\]) by the world's axes, as [`Slam`](crate::slam::Slam) and [`Localization`](crate::localization::Localization)
+    /// define it. `None` without a pose.
+    pub covariance: Option<Matrix3<f64>>,
     /// How far it can be relied on, where the map is known.
     pub confidence: Option<Confidence>,
 }

@@ -6,6 +6,7 @@ use clap::ValueEnum;
 use ipslam::config::SemanticConfig;
 use ipslam::config::SlamConfig;
 use ipslam::io::{TextError, read_text};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// What is set, and by what.
@@ -81,6 +82,16 @@ impl ConfigArgs {
         config.validate()?;
         Ok(config)
     }
+}
+
+/// Prints the configuration of `run`: every parameter with its default, and above it meaning, unit and range.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "To change some of it: ipslam config > my.toml; ipslam run LOG --config my.toml")]
+pub struct ExplainArgs {}
+
+/// Prints it.
+pub fn explain(_: &ExplainArgs) -> anyhow::Result<()> {
+    Ok(std::io::stdout().write_all(SlamConfig::explained().as_bytes())?)
 }
 
 /// Longer texts are no configuration [bytes].

@@ -57,7 +57,7 @@ mod with_recorder {
     use super::super::output::Outputs;
     use super::super::recording::refuse_input;
     use super::super::replay_semantic::replay_mapping;
-    use super::super::run::Job;
+    use super::super::run::{Job, Printed};
     use super::super::say::{print_line, say};
     use super::ReplayArgs;
     use anyhow::{bail, ensure};
@@ -121,7 +121,7 @@ mod with_recorder {
             truth: &truth,
             cell_size: args.grid.cell_size,
             smooth,
-            quiet: args.json,
+            printed: (!args.json).then_some(Printed::Table),
         };
         let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
         drop(observers);

@@ -150,7 +150,8 @@ impl Task<'_> {
 
     /// Writes the outputs.
     pub fn write(&self, found: &SemanticMap, seconds: f64, score: &Score, outputs: &mut Outputs) -> anyhow::Result<()> {
-        outputs.write_trajectory("trajectory.tum", &found.trajectory());
+        let path = outputs.stage("trajectory.tum");
+        outputs.note(tum::write(&path, &found.trajectory()));
         for (name, text) in results::files(self.recording, found) {
             outputs.write(name, text.as_bytes());
         }

@@ -267,6 +267,7 @@ fn run() -> (RunResult, Vec<(Scan, Pose, Pose)>) {
         stamp: scan.stamp,
         odom_from_robot: *odom_from_robot,
         world_from_robot: Some(*pose),
+        covariance: None,
         confidence: None,
     };
     let poses = scans.iter().map(estimate).collect();

@@ -107,7 +107,9 @@ fn same(a: &LogEntry, b: &LogEntry) -> bool {
 fn a_bag_tells_what_the_carmen_log_told() {
     let (folder, scans) = carmen_as_bags();
     let expected = as_entries(&scans);
-    for bag in ["none.mcap", "lz4.mcap", "zstd.mcap", "unchunked.mcap", "transforms.mcap", "folder", "split"] {
+    let ros2 = ["none.mcap", "lz4.mcap", "zstd.mcap", "unchunked.mcap", "transforms.mcap", "folder", "split", "sqlite"];
+    let ros1 = ["ros1_none.bag", "ros1_lz4.bag", "ros1_bz2.bag", "ros1_tf.bag"];
+    for bag in ros2.into_iter().chain(ros1).chain(["sqlite/sqlite.db3"]) {
         let outcome = read(&*open_log(folder.path().join(bag), &TOPICS).unwrap());
         assert!(outcome.error.is_none(), "{bag}: {:?}", outcome.error);
         assert_eq!(outcome.entries.len(), expected.len(), "{bag}: {:?}", outcome.stats);
@@ -655,6 +657,7 @@ fn a_log_is_known_by_its_content() {
     };
     write("carmen.mcap", b"ODOM 0 0 0 0 0 0 1 host 0\n");
     write("one.bag", b"#ROSBAG V2.0\n");
+    write("old.bag", b"#ROSBAG V1.2\n");
     write("bag.db3", b"SQLite format 3\0");
     write("bag.mcap.zstd", b"\x28\xb5\x2f\xfd\0\0\0\0");
     write("run.rrd", b"RRF2");
@@ -667,11 +670,12 @@ fn a_log_is_known_by_its_content() {
     assert_eq!(read(&*open_log(folder.path().join("carmen.mcap"), &TOPICS).unwrap()).entries.len(), 1);
     for (name, topics, expected) in [
         ("carmen.mcap", &chosen, "only a bag has topics"),
-        ("one.bag", &TOPICS, "rosbags-convert"),
-        ("bag.db3", &TOPICS, "ros2 bag convert"),
+        ("one.bag", &TOPICS, "no message of type"),
+        ("old.bag", &TOPICS, "rosbag fix"),
+        ("bag.db3", &TOPICS, "no bag that can be read"),
         ("bag.mcap.zstd", &TOPICS, "zstd -d"),
         ("run.rrd", &TOPICS, "ipslam replay"),
-        ("sqlite", &TOPICS, "ros2 bag convert"),
+        ("sqlite", &TOPICS, "no bag that can be read"),
         ("packed", &TOPICS, "zstd -d"),
         ("split", &TOPICS, "several files"),
         ("other", &TOPICS, "a folder"),
@@ -691,12 +695,46 @@ fn folders_of_bags() {
     let messages = json!([odometry("/odom", 0, 1.0, 0.0), scan("/scan", 1, "base")]);
     let folder = bags(json!([
         {"name": "mine", "storage": "folder", "messages": messages},
-        {"name": "old", "storage": "sqlite", "messages": messages},
     ]));
     let log = open_log(folder.path().join("mine"), &TOPICS).unwrap();
     assert_eq!((log.name().as_str(), read(&*log).entries.len()), ("mine", 2));
-    let error = open_log(folder.path().join("old"), &TOPICS).err().unwrap().to_string();
-    assert!(error.contains("in SQLite") && error.contains("ros2 bag convert"), "{error}");
+}
+
+/// Cut off and with bytes turned over, bags of other kinds than MCAP are read as far as they go, or refused.
+fn damaged_bags_of_all_kinds_are_survived() {
+    let messages = drive("any", "none", true)["messages"].clone();
+    let folder = bags(json!([
+        {"name": "new", "storage": "sqlite", "messages": messages},
+        {"name": "none.bag", "storage": "ros1", "compression": "none", "messages": messages},
+        {"name": "lz4.bag", "storage": "ros1", "compression": "lz4", "messages": messages},
+        {"name": "bz2.bag", "storage": "ros1", "compression": "bz2", "messages": messages},
+    ]));
+    let damaged = folder.path().join("damaged");
+    for name in ["new/new.db3", "none.bag", "lz4.bag", "bz2.bag"] {
+        let bytes = std::fs::read(folder.path().join(name)).unwrap();
+        let whole = read(&*open_log(folder.path().join(name), &TOPICS).unwrap());
+        assert!(whole.error.is_none() && whole.entries.len() > 10, "{name}: {:?}", whole.error);
+        let (mut refused, mut less) = (0, 0);
+        for trial in 0..60 {
+            let mut bytes = bytes.clone();
+            let place = bytes.len() * (trial / 2 + 1) / 32;
+            if trial % 2 == 0 {
+                bytes.truncate(place)
+            } else {
+                bytes[place] ^= 0xff
+            }
+            std::fs::write(&damaged, bytes).unwrap();
+            let Ok(log) = open_log(&damaged, &TOPICS) else {
+                refused += 1;
+                continue;
+            };
+            let outcome = read(&*log);
+            assert_sound(&outcome);
+            less += usize::from(outcome.entries.len() < whole.entries.len());
+        }
+        println!("{name}: {refused} refused, {less} with less");
+        assert!(refused + less > 10, "{name}: no damage was noticed");
+    }
 }
 
 fn the_program_maps_a_bag() {
@@ -720,6 +758,6 @@ fn the_program_maps_a_bag() {
 crate::needs::trials! {
     "mcap":
     DataAndPython { a_bag_tells_what_the_carmen_log_told, a_bag_gives_the_map_of_the_carmen_log, a_bag_in_several_files_is_read_as_its_metadata_tells, the_program_maps_a_bag }
-    Python { odometry_at_a_scan_lies_between_its_neighbours, where_the_laser_is_mounted, the_user_chooses_among_topics, malformed_messages_are_left_out_and_counted, a_bag_of_ros_1_tells_the_same, ranges_that_are_none_are_marked, a_bag_that_was_cut_off_is_read_as_far_as_it_goes, a_damaged_chunk_is_left_out, folders_of_bags }
+    Python { odometry_at_a_scan_lies_between_its_neighbours, where_the_laser_is_mounted, the_user_chooses_among_topics, malformed_messages_are_left_out_and_counted, a_bag_of_ros_1_tells_the_same, ranges_that_are_none_are_marked, a_bag_that_was_cut_off_is_read_as_far_as_it_goes, a_damaged_chunk_is_left_out, folders_of_bags, damaged_bags_of_all_kinds_are_survived }
     Nothing { sizes_are_not_taken_at_their_word, the_seeds_are_bags, any_damage_is_survived, a_log_is_known_by_its_content }
 }

@@ -1,5 +1,5 @@
-//! ROS 2 bags in MCAP files (`.mcap`), with chunks packed by zstd, lz4 or not at all; bags of ROS 1 that were converted to
-//! MCAP are read as well.
+//! Bags of ROS: of ROS 2 in MCAP files (`.mcap`), with chunks packed by zstd, lz4 or not at all, or in SQLite files (`.db3`);
+//! and of ROS 1 (`.bag`), also where they were converted to MCAP.
 //!
 //! In: a file, or the files of a bag one after the other. Out: its odometry and laser sweeps as [`LogEntry`]s in the order
 //! of their stamps, metres, radians and seconds, stamped with the messages' `header.stamp`. Messages and chunks that cannot
@@ -48,10 +48,11 @@ use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStat
 use frames::Mounting;
 use messages::{Header, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
 use plan::{OdometrySource, Plan, plan};
-use records::{Channel, Next, Records};
+use records::{Channel, Next};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
+use storage::Storage;
 use survey::survey;
 use transforms::is_static;
 
@@ -61,11 +62,16 @@ mod messages;
 mod plan;
 mod records;
 mod ros1;
+mod rosbag;
+#[cfg(not(target_family = "wasm"))]
+mod sqlite;
+mod storage;
 mod survey;
 mod topics;
 mod transforms;
 
-pub(super) use records::MAGIC;
+use records::MAGIC;
+pub(super) use storage::is_bag;
 
 /// Scans that wait for odometry, and odometry that waits for scans, at most: the one comes without the other.
 const MAX_WAITING_SCANS: usize = 256;
@@ -127,7 +133,7 @@ impl LogSource for McapLog {
         Ok(Box::new(McapReader {
             path: self.path.clone(),
             plan: Arc::clone(&self.plan),
-            records: Records::open(self.files.clone()).map_err(open_error)?,
+            records: Storage::open(self.files.clone()).map_err(open_error)?,
             odometry: VecDeque::new(),
             scans: VecDeque::new(),
             last_odometry: None,
@@ -158,7 +164,7 @@ struct StampedOdometry {
 struct McapReader {
     path: PathBuf,
     plan: Arc<Plan>,
-    records: Records,
+    records: Storage,
     /// Odometry that was read and not handed out, in the order of the file.
     odometry: VecDeque<StampedOdometry>,
     /// Scans that were read and not handed out, with their stamps and how long they took \[ns\], without odometry.
@@ -309,7 +315,7 @@ impl LogReader for McapReader {
     }
 
     fn progress(&self) -> Option<(u64, u64)> {
-        Some((self.records.consumed(), self.records.all))
+        Some(self.records.progress())
     }
 }
 

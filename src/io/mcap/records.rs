@@ -16,7 +16,7 @@ use std::sync::Arc;
 pub(in crate::io) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 
 /// Longer records are not kept, and larger chunks not unpacked \[bytes\]; ROS 2 writes chunks of less than 1 MB.
-const MAX_RECORD: u64 = 256 << 20;
+pub(super) const MAX_RECORD: u64 = 256 << 20;
 
 /// Sensor data shrink by less than this, and what claims more is damage.
 const MAX_RATIO: u64 = 1000;
@@ -247,12 +247,12 @@ fn named(path: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("{}: {error}", path.display()))
 }
 
-fn cut_off() -> io::Error {
+pub(super) fn cut_off() -> io::Error {
     io::Error::new(ErrorKind::UnexpectedEof, "the bag was cut off before its end")
 }
 
 /// The same error, but for the end of the file.
-fn named_cut_off(error: io::Error) -> io::Error {
+pub(super) fn named_cut_off(error: io::Error) -> io::Error {
     if error.kind() == ErrorKind::UnexpectedEof { cut_off() } else { error }
 }
 
@@ -267,10 +267,7 @@ fn unpack(body: &[u8]) -> Result<Vec<u8>, String> {
         Some((size, crc, compression, fields.bytes(packed_size)?))
     });
     let Some((size, crc, compression, packed)) = header else { return Err("it is shorter than its fields".to_owned()) };
-    let most = MAX_RECORD.min(ROOM + MAX_RATIO * packed.len() as u64);
-    if size > most {
-        return Err(format!("unpacked it would have {size} bytes, more than {most} of {} packed ones", packed.len()));
-    }
+    limit(size, packed)?;
     let mut records = Vec::new();
     let unpacked = match &*compression {
         "" => packed.take(size).read_to_end(&mut records),
@@ -286,6 +283,15 @@ fn unpack(body: &[u8]) -> Result<Vec<u8>, String> {
         Ok(_) if crc != 0 && crc32(&records) != crc => Err("its checksum is wrong".to_owned()),
         Ok(_) => Ok(records),
     }
+}
+
+/// Whether so many packed bytes can be as many as `size` unpacked.
+pub(super) fn limit(size: u64, packed: &[u8]) -> Result<(), String> {
+    let most = MAX_RECORD.min(ROOM + MAX_RATIO * packed.len() as u64);
+    if size > most {
+        return Err(format!("unpacked it would have {size} bytes, more than {most} of {} packed ones", packed.len()));
+    }
+    Ok(())
 }
 
 /// The fields of a record that were not read yet; numbers are little-endian.
@@ -304,10 +310,14 @@ impl<'a> Fields<'a> {
         Some(*bytes)
     }
 
+    /// Bytes with their number before them.
+    pub(super) fn sized(&mut self) -> Option<&'a [u8]> {
+        let length = u32::from_le_bytes(self.number()?);
+        self.bytes(usize::try_from(length).ok()?)
+    }
+
     /// A text with its length before it.
     pub(super) fn text(&mut self) -> Option<String> {
-        let length = u32::from_le_bytes(self.number()?);
-        let bytes = self.bytes(usize::try_from(length).ok()?)?;
-        Some(String::from_utf8_lossy(bytes).into_owned())
+        self.sized().map(|bytes| String::from_utf8_lossy(bytes).into_owned())
     }
 }

@@ -1,5 +1,5 @@
-//! The four messages as ROS 1 writes them, where a bag of ROS 1 was converted to MCAP: little-endian numbers one after the
-//! other, without gaps, and a number more in each header.
+//! The four messages as ROS 1 writes them, in its bags and in those that were converted to MCAP: little-endian numbers
+//! one after the other, without gaps, and a number more in each header.
 
 use super::messages::{Header, LaserScan, Odometry, StampedTransform, Time, Transform, Transforms};
 use super::records::Fields;

@@ -1,7 +1,8 @@
 //! The first pass over a bag: which topics it has, and which transforms.
 
 use super::messages::{self, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms};
-use super::records::{Channel, Next, Records};
+use super::records::{Channel, Next};
+use super::storage::Storage;
 use super::topics::SeenTopics;
 use super::transforms::SeenTransforms;
 use crate::log::LogError;
@@ -20,7 +21,7 @@ pub(super) struct Survey {
 /// The bag cannot be opened, or none of its messages can be read.
 pub(super) fn survey(path: &Path, files: Vec<PathBuf>) -> Result<Survey, LogError> {
     let open_error = |source| LogError::Open { path: path.to_owned(), source };
-    let mut records = Records::open(files).map_err(open_error)?;
+    let mut records = Storage::open(files).map_err(open_error)?;
     let mut found = Survey::default();
     let (mut messages, mut first_damage) = (0, None);
     let broke_off = loop {
