@@ -57,6 +57,10 @@ impl Job {
         Self { config: SemanticConfig { beam, ..self.config }, ..self }
     }
 
+    fn with_window(self, window: usize) -> Self {
+        Self { config: SemanticConfig { window, ..self.config }, ..self }
+    }
+
     fn with_policy(self, association: Policy) -> Self {
         Self { config: SemanticConfig { association, ..self.config }, ..self }
     }
@@ -223,6 +227,12 @@ fn page(runs: &mut Runs) -> String {
         "Association in the E step",
         "The forward pass is the same; only the sweeps differ.",
         &policies.map(|policy| (format!("{policy:?}"), move |job: Job| job.with_policy(policy))),
+    );
+    page += &settings(
+        runs,
+        "Online",
+        "Keyframes that are estimated at once; older poses stay as they are. 0 is all of them, as above.",
+        &[0, 400, 200, 100, 50].map(|window| (window.to_string(), move |job: Job| job.with_window(window))),
     );
     page + &woods(runs)
 }

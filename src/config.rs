@@ -1,7 +1,8 @@
-//! What a run was set to do: mapping or localisation, each with its own configuration.
+//! What a run was set to do: mapping walls, localisation, or mapping objects, each with its own configuration.
 
 pub use crate::localization::LocalizationConfig;
 pub use crate::parameters::ConfigError;
+pub use crate::semantic::SemanticConfig;
 pub use crate::slam::SlamConfig;
 use serde::{Deserialize, Serialize};
 
@@ -13,6 +14,8 @@ pub enum Config {
     Slam(SlamConfig),
     /// Finding the robot in a map that is known.
     Localization(LocalizationConfig),
+    /// Finding path and objects.
+    Semantic(SemanticConfig),
 }
 
 impl Config {
@@ -24,6 +27,7 @@ impl Config {
         match self {
             Self::Slam(config) => config.validate(),
             Self::Localization(config) => config.validate(),
+            Self::Semantic(config) => config.validate(),
         }
     }
 }

@@ -64,6 +64,7 @@
 //! | [`metrics`] | errors of a trajectory against the truth | |
 //! | [`picture`] | a run seen from above, as SVG and PNG | fig. 3, 4 |
 //! | [`record`] | recordings for the Rerun viewer | |
+//! | [`cli`] | the command line | |
 //!
 //! # Use
 //! Half a minute of a simulated drive, mapped by four particles with a map each:
@@ -86,8 +87,13 @@
 //! Frames: `odom` drifts with the odometry; `world` has its origin at the robot's pose at the first scan; poses are
 //! named `world_from_robot`. Units: metres, radians, seconds.
 
+// The command line is written as any program that uses the library.
+extern crate self as ipslam;
+
 pub mod ablation;
 pub mod association;
+#[cfg(not(target_family = "wasm"))]
+pub mod cli;
 pub mod clustering;
 pub mod config;
 pub mod detections;

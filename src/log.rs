@@ -121,7 +121,7 @@ impl LogStats {
 }
 
 /// A log that can be read from its start any number of times.
-pub trait LogSource: Sync {
+pub trait LogSource: Send + Sync {
     /// What to call the log: the file's name without folder and ending, or the name of a built-in world.
     fn name(&self) -> String;
 

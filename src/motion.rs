@@ -44,6 +44,12 @@ impl Motion {
         Self { mean: Pose::IDENTITY, covariance: Matrix3::zeros() }
     }
 
+    /// Its covariance by the axes of the earlier frame: of (x \[m\], y \[m\], heading \[rad\]).
+    pub fn covariance_in_earlier_frame(&self) -> Matrix3<f64> {
+        let turn = Pose::new(0.0, 0.0, self.mean.heading).adjoint();
+        turn * self.covariance * turn.transpose()
+    }
+
     /// This motion and then another one: means compose, covariances are carried to the last frame and added.
     pub fn then(&self, next: &Motion) -> Self {
         let carry = next.mean.inverse().adjoint();

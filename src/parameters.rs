@@ -56,8 +56,7 @@ pub(crate) fn check(name: &str, value: impl Number, range: RangeInclusive<f64>) 
     if range.contains(&value.as_f64()) {
         return Ok(());
     }
-    let most = if range.end().is_finite() { format!(" to {}", range.end()) } else { " or more".to_owned() };
-    Err(ConfigError::value(name, value, format!("{}{most}", range.start())))
+    Err(ConfigError::value(name, value, in_words(&range)))
 }
 
 /// This configuration, with the parts that a TOML text sets in place of its own.
@@ -87,6 +86,49 @@ pub(crate) fn check_seed(seed: u64) -> Result<(), ConfigError> {
         .map_err(|_| ConfigError::value("seed (option --seed)", seed, format!("at most {}", i64::MAX)))
 }
 
+/// What there is to say of one parameter.
+pub(crate) struct Parameter {
+    pub name: &'static str,
+    /// Its meaning, by lines.
+    pub meaning: &'static [&'static str],
+    /// As TOML has it.
+    pub default: String,
+    pub range: Option<RangeInclusive<f64>>,
+}
+
+/// A section of the configuration that tells what its parameters are.
+pub(crate) trait Section {
+    fn parameters() -> Vec<Parameter>;
+}
+
+impl Parameter {
+    pub(crate) fn new(name: &'static str, meaning: &'static [&'static str], default: impl Serialize) -> Self {
+        // Every value of a configuration can be told in TOML.
+        let default = toml::Value::try_from(default).map_or_else(|_| String::new(), |value| value.to_string());
+        Self { name, meaning, default, range: None }
+    }
+
+    /// As TOML: its meaning and range as comments, and the default.
+    pub(crate) fn explained(&self) -> String {
+        let Self { name, meaning, default, range } = self;
+        let meaning: String =
+            meaning.iter().map(|line| format!("# {}\n", line.trim().replace("\\[", "[").replace("\\]", "]"))).collect();
+        let range = range.as_ref().map_or_else(String::new, |range| format!("# Range: {}.\n", in_words(range)));
+        format!("{meaning}{range}{name} = {default}\n\n")
+    }
+}
+
+fn in_words(range: &RangeInclusive<f64>) -> String {
+    let most = if range.end().is_finite() { format!(" to {}", range.end()) } else { " or more".to_owned() };
+    format!("{}{most}", range.start())
+}
+
+/// A section as TOML, with all that there is to say of it.
+pub(crate) fn explained<S: Section>(section: &str) -> String {
+    let parameters: String = S::parameters().iter().map(Parameter::explained).collect();
+    format!("[{section}]\n{parameters}")
+}
+
 /// Declares a section of the configuration. Each field is `name: type = default, in range;`, or `name: type = default;`
 /// where every value is possible. The struct gets these defaults, a check of all ranges, and both in its documentation.
 macro_rules! parameters {
@@ -110,6 +152,18 @@ macro_rules! parameters {
         impl Default for $section {
             fn default() -> Self {
                 Self { $($field: $default,)+ }
+            }
+        }
+
+        impl crate::parameters::Section for $section {
+            fn parameters() -> Vec<crate::parameters::Parameter> {
+                let defaults = Self::default();
+                vec![$({
+                    let parameter =
+                        crate::parameters::Parameter::new(stringify!($field), &[$($doc),+], defaults.$field);
+                    $(let parameter = crate::parameters::Parameter { range: Some($range), ..parameter };)?
+                    parameter
+                },)+]
             }
         }
 

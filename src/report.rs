@@ -8,6 +8,7 @@ use crate::map::LineMap;
 use crate::ppca::Cluster;
 use crate::scan::Scan;
 use crc32fast::Hasher;
+use nalgebra::Matrix3;
 use serde::Serialize;
 use std::ops::AddAssign;
 use web_time::Instant;
@@ -64,6 +65,10 @@ pub struct Estimate {
     pub odom_from_robot: Pose,
     /// The MAP estimate of the pose; `None` before the first scan.
     pub world_from_robot: Option<Pose>,
+    /// What the filter knew of the pose when it had this reading and no later one: covariance of (x \[m\], y \[m\], heading
+    /// \[rad\]) by the world's axes, as [`Slam`](crate::slam::Slam) and [`Localization`](crate::localization::Localization)
+    /// define it. `None` without a pose.
+    pub covariance: Option<Matrix3<f64>>,
     /// How far it can be relied on, where the map is known.
     pub confidence: Option<Confidence>,
 }
@@ -182,7 +187,7 @@ impl StepReport<'_> {
         bits.add(self.parents.iter().map(|&parent| f64::from(parent)));
         bits.pose(self.world_from_robot);
         bits.map(self.map);
-        bits.0.finalize()
+        bits.finish()
     }
 }
 
@@ -248,7 +253,7 @@ impl RunResult {
             bits.add([estimate.stamp]);
             bits.pose(pose);
         }
-        bits.0.finalize()
+        bits.finish()
     }
 }
 
@@ -261,15 +266,19 @@ impl Estimate {
 
 /// The bits of numbers, summed up.
 #[derive(Default)]
-struct Bits(Hasher);
+pub(crate) struct Bits(Hasher);
 
 impl Bits {
-    fn add(&mut self, numbers: impl IntoIterator<Item = f64>) {
+    pub fn add(&mut self, numbers: impl IntoIterator<Item = f64>) {
         numbers.into_iter().for_each(|number| self.0.update(&number.to_le_bytes()));
     }
 
-    fn pose(&mut self, Pose { x, y, heading }: Pose) {
+    pub fn pose(&mut self, Pose { x, y, heading }: Pose) {
         self.add([x, y, heading]);
+    }
+
+    pub fn finish(self) -> u32 {
+        self.0.finalize()
     }
 
     fn map(&mut self, map: &[Cluster]) {

@@ -31,7 +31,7 @@ use crate::random::{Draw, bits, uniform};
 use crate::report::{Estimate, Estimator, Event, ReportedParticle, RunResult, StageTimes, StepReport, timed};
 use crate::scan::Scan;
 use crate::tracking::Tracker;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 pub use config::{FilterConfig, SlamConfig};
@@ -58,6 +58,8 @@ struct Particle {
     mode: Pose,
     /// ln of eq. 18 at the mode; `None` without scan matching.
     log_likelihood: Option<f64>,
+    /// Of the Laplace approximation at the mode, packed; zeros without scan matching.
+    information: [f32; 6],
     log_weight: f64,
     /// Log-weight that the scan added.
     gain: f64,
@@ -69,10 +71,18 @@ struct Reading {
     stamp: f64,
     odom_from_robot: Pose,
     step: u32,
-    step_from_robot: Pose,
+    step_from_robot: Motion,
 }
 
 /// The filter.
+///
+/// The covariance of an [`Estimate`] is that of the filter when it had the reading: at a step, the mean square deviation of
+/// the particles, by their weights, from the pose that is reported, Σ wᵢ (xᵢ - x) (xᵢ - x)ᵀ; where there is only one, the
+/// Laplace approximation at its mode, as wide as particles are drawn. Between steps, that and what tracking leaves open since
+/// (the inverse of the information of the last match, and odometry's noise since), carried to the reading. It tells
+/// how well the pose is known in the map around the robot, not in the world: what all particles have wrong alike, such as a
+/// heading that one of their ancestors had wrong at the start, none of them shows; with one map there is no drift in it at all.
+/// Smoothing moves poses and leaves covariances as they are.
 #[derive(Debug)]
 pub struct Slam {
     config: SlamConfig,
@@ -84,6 +94,8 @@ pub struct Slam {
     evaluator: Failover,
     ancestry: Ancestry,
     readings: Vec<Reading>,
+    /// At the start and at every step, of (forward, sideways, heading) in the robot's own frame.
+    covariances: Vec<Matrix3<f64>>,
     steps: u32,
     /// The motion since the last step.
     tracker: Tracker,
@@ -116,6 +128,7 @@ impl Slam {
             evaluator,
             ancestry,
             readings: Vec::new(),
+            covariances: vec![Matrix3::zeros()],
             steps: 0,
             tracker: Tracker::new(config.motion, config.tracking),
             loops: Loops::new(config.closer()),
@@ -137,23 +150,23 @@ impl Slam {
         let mut times = std::mem::take(&mut self.times);
         timed(&mut times.track, || self.track(&tiles));
         self.times = times;
-        let moved = self.tracker.tracked().mean;
-        if self.steps > 0 && self.config.tracking.is_too_near(moved) {
-            self.keep_reading(reading.stamp, reading.odom_from_robot, moved);
-        } else {
+        if self.steps == 0 || !self.config.tracking.is_too_near(self.tracker.tracked().mean) {
             self.step(&scan, &tiles, reading.odom_from_robot, observe);
-            self.keep_reading(reading.stamp, reading.odom_from_robot, Pose::IDENTITY);
         }
+        self.keep_reading(reading.stamp, reading.odom_from_robot);
     }
 
-    /// Readings before the first scan are where odometry puts them, seen from it.
+    /// Readings before the first scan are where odometry puts them, seen from it, each known as well as all their way.
     fn place_first_readings(&mut self, odom_from_first_scan: Pose) {
+        let Motion { covariance, .. } = self.tracker.by_odometry();
         for reading in &mut self.readings {
-            reading.step_from_robot = reading.odom_from_robot.seen_from(odom_from_first_scan);
+            let mean = reading.odom_from_robot.seen_from(odom_from_first_scan);
+            reading.step_from_robot = Motion { mean, covariance };
         }
     }
 
-    fn keep_reading(&mut self, stamp: f64, odom_from_robot: Pose, step_from_robot: Pose) {
+    fn keep_reading(&mut self, stamp: f64, odom_from_robot: Pose) {
+        let step_from_robot = self.tracker.tracked();
         self.readings.push(Reading { stamp, odom_from_robot, step: self.steps, step_from_robot });
     }
 
@@ -177,6 +190,7 @@ impl Slam {
         let weights = normalised(&particles.iter().map(|particle| particle.log_weight).collect::<Vec<_>>());
         // 6d
         let (resampled, parents) = timed(&mut times.resample, || self.resample(&particles, &weights));
+        self.covariances.push(self.covariance(&particles, &weights));
         if !self.config.ablation.weigh_merged_map {
             // 6c-ii to v, for the survivors alone
             timed(&mut times.merge, || self.merge(&clusters));
@@ -292,6 +306,7 @@ impl Slam {
                 world_from_robot: drawn.in_world(anchor),
                 mode: mode.pose.in_world(anchor),
                 log_likelihood: (iterations > 0).then(|| f64::from(mode.log_likelihood)),
+                information: mode.information,
                 // The poses of a map share its weight.
                 log_weight: from.log_weight - (particles_per_map as f64).ln(),
                 gain: 0.0,
@@ -376,6 +391,21 @@ impl Slam {
         (resampled, survivors.into_iter().map(|survivor| survivor as u32).collect())
     }
 
+    /// Mean square deviation of the particles from the best pose, in its frame.
+    fn covariance(&self, particles: &[Particle], weights: &[f64]) -> Matrix3<f64> {
+        if let [Particle { information, .. }] = particles {
+            let covariance = unpacked(*information).try_inverse().unwrap_or_else(Matrix3::zeros);
+            return covariance * self.config.proposal.spread.powi(2);
+        }
+        let best = self.hypotheses[self.best].world_from_robot;
+        let square = |(particle, &weight): (&Particle, &f64)| {
+            let off = particle.world_from_robot.seen_from(best);
+            let off = Vector3::new(off.x, off.y, off.heading);
+            off * off.transpose() * weight
+        };
+        particles.iter().zip(weights).map(square).sum()
+    }
+
     /// Moves the robot of each map to where its one particle is, so that the scan can be merged before the weighing.
     fn move_maps(&mut self, particles: &[Particle]) {
         for (hypothesis, particle) in self.hypotheses.iter_mut().zip(particles) {
@@ -418,6 +448,20 @@ impl Slam {
         self.table.near(&map.slots, pose.x, pose.y, reach(tiles) + distance)
     }
 
+    /// What is known of a reading, given the pose of its step, where there was one.
+    fn estimate(&self, reading: &Reading, world_from_step: Option<Pose>) -> Estimate {
+        let &Reading { stamp, odom_from_robot, step, step_from_robot } = reading;
+        let covariance = self.covariances[step as usize];
+        let placed = world_from_step.map(|mean| Motion { mean, covariance }.then(&step_from_robot));
+        Estimate {
+            stamp,
+            odom_from_robot,
+            world_from_robot: placed.map(|placed| placed.mean),
+            covariance: placed.map(|placed| placed.covariance_in_earlier_frame()),
+            confidence: None,
+        }
+    }
+
     fn clusters_of(&self, hypothesis: &Hypothesis) -> Vec<Cluster> {
         self.pool.clusters_of(&hypothesis.map).map(|(_, entry)| entry.cluster).collect()
     }
@@ -428,7 +472,7 @@ impl Estimator for Slam {
         match entry {
             LogEntry::Odometry { stamp, odom_from_robot } => {
                 self.tracker.add(*stamp, *odom_from_robot);
-                self.keep_reading(*stamp, *odom_from_robot, self.tracker.tracked().mean);
+                self.keep_reading(*stamp, *odom_from_robot);
             }
             LogEntry::Laser(reading) => {
                 self.tracker.add(reading.stamp, reading.odom_from_robot);
@@ -436,10 +480,9 @@ impl Estimator for Slam {
             }
             LogEntry::Truth { .. } => return,
         }
-        if let Some(&Reading { stamp, odom_from_robot, step_from_robot, .. }) = self.readings.last() {
-            let world_from_step = self.hypotheses[self.best].world_from_robot;
-            let world_from_robot = (self.steps > 0).then(|| world_from_step * step_from_robot);
-            observe(&Event::Pose(&Estimate { stamp, odom_from_robot, world_from_robot, confidence: None }));
+        if let Some(reading) = self.readings.last() {
+            let world_from_step = (self.steps > 0).then(|| self.hypotheses[self.best].world_from_robot);
+            observe(&Event::Pose(&self.estimate(reading, world_from_step)));
         }
     }
 
@@ -448,12 +491,7 @@ impl Estimator for Slam {
         let best = &self.hypotheses[self.best];
         // Node 0 of a path is the start.
         let path = self.ancestry.path(best.path);
-        let estimate = |reading: &Reading| Estimate {
-            stamp: reading.stamp,
-            odom_from_robot: reading.odom_from_robot,
-            world_from_robot: Some(path[reading.step as usize] * reading.step_from_robot),
-            confidence: None,
-        };
+        let estimate = |reading: &Reading| self.estimate(reading, Some(path[reading.step as usize]));
         RunResult {
             map: LineMap { clusters: self.clusters_of(best), free: None },
             poses: self.readings.iter().map(estimate).collect(),

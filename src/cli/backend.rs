@@ -1,7 +1,7 @@
 //! Which evaluator a run takes: a GPU or the CPU.
 
 #[cfg(feature = "gpu")]
-use super::say::print_line;
+use super::{UsageError, say::print_line};
 use clap::ValueEnum;
 use ipslam::evaluator::Evaluator;
 #[cfg(feature = "gpu")]
@@ -60,7 +60,10 @@ impl BackendArgs {
         use ipslam::gpu::device::find;
         match self.backend {
             Backend::Cpu => {
-                anyhow::ensure!(self.adapter.is_none(), "--adapter chooses a GPU, and --backend cpu takes none");
+                anyhow::ensure!(
+                    self.adapter.is_none(),
+                    UsageError("--adapter chooses a GPU, and --backend cpu takes none")
+                );
                 Ok(Chosen::cpu(None))
             }
             Backend::Gpu => Ok(open(&find(self.adapter.as_deref())?)?),

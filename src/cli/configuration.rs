@@ -2,8 +2,11 @@
 
 use anyhow::{Context as _, anyhow};
 use clap::ValueEnum;
+#[cfg(feature = "record")]
+use ipslam::config::SemanticConfig;
 use ipslam::config::SlamConfig;
 use ipslam::io::{TextError, read_text};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// What is set, and by what.
@@ -61,6 +64,34 @@ impl ConfigArgs {
         config.validate()?;
         Ok(config)
     }
+}
+
+#[cfg(feature = "record")]
+impl ConfigArgs {
+    /// The same for mapping objects, which has neither presets nor particles nor random numbers.
+    pub fn over_semantic(&self, base: SemanticConfig) -> anyhow::Result<SemanticConfig> {
+        let Self { preset, config: file, particles, maps, seed } = self;
+        anyhow::ensure!(
+            preset.is_none() && particles.is_none() && maps.is_none() && seed.is_none(),
+            "--preset, --particles, --maps and --seed are for what `ipslam run` recorded; --config changes how objects are mapped"
+        );
+        let mut config = base;
+        if let Some(path) = file {
+            config = config.with_toml(&read(path)?).with_context(|| path.display().to_string())?;
+        }
+        config.validate()?;
+        Ok(config)
+    }
+}
+
+/// Prints the configuration of `run`: every parameter with its default, and above it meaning, unit and range.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "To change some of it: ipslam config > my.toml; ipslam run LOG --config my.toml")]
+pub struct ExplainArgs {}
+
+/// Prints it.
+pub fn explain(_: &ExplainArgs) -> anyhow::Result<()> {
+    Ok(std::io::stdout().write_all(SlamConfig::explained().as_bytes())?)
 }
 
 /// Longer texts are no configuration [bytes].

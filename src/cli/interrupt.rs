@@ -3,14 +3,16 @@
 
 use anyhow::Context as _;
 use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::flag;
+use signal_hook::{SigId, flag, low_level};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 /// Exit code of a run that was interrupted.
 pub const EXIT_CODE: u8 = 130;
 
 static HAPPENED: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
+/// What was registered.
+static WATCHES: Mutex<Vec<SigId>> = Mutex::new(Vec::new());
 
 #[cfg(unix)]
 const SIGNALS: [i32; 3] = [SIGINT, SIGTERM, signal_hook::consts::SIGHUP];
@@ -22,11 +24,24 @@ pub fn watch() -> anyhow::Result<()> {
     let ignored = ignored();
     for signal in SIGNALS.into_iter().filter(|signal| ignored >> (signal - 1) & 1 == 0) {
         // In this order: at the first signal the flag is not yet set.
-        flag::register_conditional_shutdown(signal, EXIT_CODE.into(), Arc::clone(&HAPPENED))
-            .and_then(|_| flag::register(signal, Arc::clone(&HAPPENED)))
-            .context("signals cannot be watched for")?;
+        let ids = [
+            flag::register_conditional_shutdown(signal, EXIT_CODE.into(), Arc::clone(&HAPPENED)),
+            flag::register(signal, Arc::clone(&HAPPENED)),
+        ];
+        for id in ids {
+            let id = id.context("signals cannot be watched for")?;
+            WATCHES.lock().unwrap_or_else(PoisonError::into_inner).push(id);
+        }
     }
     Ok(())
+}
+
+/// Leaves the signals to whoever had them before, and forgets that one came: the process may go on.
+pub fn forget() {
+    for id in WATCHES.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        low_level::unregister(id);
+    }
+    HAPPENED.store(false, Ordering::Relaxed);
 }
 
 /// Whether a signal came.

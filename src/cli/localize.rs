@@ -1,5 +1,6 @@
 //! `ipslam localize`: a map and a log in; where the robot was in the map out.
 
+use super::UsageError;
 use super::backend::{BackendArgs, Chosen};
 use super::configuration;
 use super::convert::read_grid;
@@ -111,7 +112,7 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     args.threads.start()?;
     let map = known_map(&args.map)?;
     let reference = args.reference.as_deref().map(tum::read).transpose()?;
-    let source = args.log.source()?.context("no log is named: `ipslam localize MAP LOG`")?;
+    let source = args.log.source()?.ok_or(UsageError("no log is named: `ipslam localize MAP LOG`"))?;
     source.open()?;
     let mut outputs = Outputs::for_log(args.out.as_deref(), &format!("{}-localized", source.name()))?;
     interrupt::watch()?;
@@ -140,7 +141,7 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         outputs.note(Err(anyhow!("{error}")));
     }
 
-    outputs.write_trajectory("trajectory.tum", &outcome.result.trajectory());
+    outputs.write_poses(&outcome.result);
     outputs.write("config.toml", toml::to_string(&config)?.as_bytes());
     let readings = readings(&outcome.result);
     let errors = reference.as_deref().map(|reference| errors(&readings, reference));

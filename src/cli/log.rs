@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// A log and, where it is a bag, which of its topics.
 #[derive(Debug, clap::Args)]
 pub struct LogArgs {
-    /// CARMEN log, plain or gzip, or ROS 2 bag: an MCAP file or its folder
+    /// CARMEN log, plain or gzip, or ROS bag: an MCAP, SQLite (.db3) or ROS 1 (.bag) file, or the folder of one
     pub log: Option<PathBuf>,
     /// Topic of the laser scans in a bag [default: the only one]
     #[arg(long, value_name = "TOPIC", requires = "log")]

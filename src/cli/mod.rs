@@ -1,9 +1,12 @@
 //! Arguments -> configuration -> run -> exit code.
 
+#![allow(rustdoc::broken_intra_doc_links, reason = "help texts tell units in brackets")]
+
 use clap::{CommandFactory as _, Parser, Subcommand};
 use ipslam::config::ConfigError;
 use say::say;
-use std::process::ExitCode;
+use std::ffi::OsString;
+use std::sync::Once;
 
 mod backend;
 mod bench;
@@ -20,6 +23,8 @@ mod output;
 mod progress;
 mod recording;
 mod replay;
+#[cfg(feature = "record")]
+mod replay_semantic;
 mod run;
 mod say;
 mod semantic;
@@ -35,6 +40,11 @@ const EXIT_CODES: &str = "Exit codes:
   1    something failed; what could be written was written, and each failure is reported
   2    wrong usage: an option or a value of the configuration cannot be
   130  interrupted; what was done until then was written";
+
+/// What was asked for cannot be.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct UsageError(&'static str);
 
 const FAILED: u8 = 1;
 const WRONG_USAGE: u8 = 2;
@@ -67,25 +77,52 @@ enum Command {
     #[command(after_help = EXIT_CODES)]
     Bench(bench::BenchArgs),
     Convert(convert::ConvertArgs),
+    Config(configuration::ExplainArgs),
     Completions(help::CompletionsArgs),
     Man(help::ManArgs),
 }
 
-/// Runs the command line.
-pub fn main() -> ExitCode {
-    // Graphics drivers complain on stderr where a session has no such folder, which is none of the user's business.
-    if cfg!(target_os = "linux") && std::env::var_os("XDG_RUNTIME_DIR").is_none() {
-        // SAFETY: no other thread runs yet.
-        unsafe { std::env::set_var("XDG_RUNTIME_DIR", std::env::temp_dir()) };
-    }
-    // A device that panics is reported as an error.
-    let default_hook = std::panic::take_hook();
-    std::panic::set_hook(Box::new(move |panic| {
-        if !ipslam::gpu::is_guarded() {
-            default_hook(panic);
+/// Runs the command line, its first word the program's name; prints what it has to say and returns the exit code.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let command = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli.command,
+        Err(error) => {
+            // A reader that has gone is no reason to fail.
+            let _ = error.print();
+            return u8::try_from(error.exit_code()).unwrap_or(FAILED);
         }
-    }));
-    let errors = match Cli::parse().command {
+    };
+    let (code, errors) = execute(command);
+    errors.iter().for_each(|error| say!("error: {error}"));
+    code
+}
+
+/// The same for a program that goes on after it.
+///
+/// # Errors
+/// What the command line would have told.
+pub fn call(arguments: impl IntoIterator<Item = OsString>) -> Result<(), String> {
+    let cli = Cli::try_parse_from(arguments).map_err(|error| error.to_string())?;
+    match execute(cli.command) {
+        (0, _) => Ok(()),
+        (interrupt::EXIT_CODE, errors) if errors.is_empty() => Err("interrupted".to_owned()),
+        (_, errors) => Err(errors.join("; ")),
+    }
+}
+
+/// Exit code and errors of a command.
+fn execute(command: Command) -> (u8, Vec<String>) {
+    // A device that panics is reported as an error.
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let default_hook = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if !ipslam::gpu::is_guarded() {
+                default_hook(panic);
+            }
+        }));
+    });
+    let errors = match command {
         Command::Run(args) => run::run(&args).unwrap_or_else(|error| vec![error]),
         Command::Localize(args) => localize::localize(&args).unwrap_or_else(|error| vec![error]),
         Command::Semantic(args) => semantic::semantic(&args).unwrap_or_else(|error| vec![error]),
@@ -96,18 +133,18 @@ pub fn main() -> ExitCode {
         Command::Devices(args) => devices::devices(&args).unwrap_or_else(|error| vec![error]),
         Command::Bench(args) => bench::bench(&args).unwrap_or_else(|error| vec![error]),
         Command::Convert(args) => convert::convert(&args).err().into_iter().collect(),
+        Command::Config(args) => configuration::explain(&args).err().into_iter().collect(),
         Command::Completions(args) => help::completions(&args, Cli::command()).err().into_iter().collect(),
         Command::Man(args) => help::man(&args, Cli::command()).err().into_iter().collect(),
     };
-    for error in &errors {
-        say!("error: {}", with_causes(error));
-    }
-    match &errors[..] {
-        [] if interrupt::happened() => interrupt::EXIT_CODE.into(),
-        [] => ExitCode::SUCCESS,
-        [error, ..] if error.is::<ConfigError>() => WRONG_USAGE.into(),
-        _ => FAILED.into(),
-    }
+    let code = match &errors[..] {
+        [] if interrupt::happened() => interrupt::EXIT_CODE,
+        [] => 0,
+        [error, ..] if error.is::<ConfigError>() || error.is::<UsageError>() => WRONG_USAGE,
+        _ => FAILED,
+    };
+    interrupt::forget();
+    (code, errors.iter().map(with_causes).collect())
 }
 
 /// An error and its causes, but for those that it tells itself.

@@ -5,11 +5,12 @@ use super::say::say;
 use anyhow::{Context as _, bail};
 use ipslam::geometry::StampedPose;
 use ipslam::grid::{FreeArea, GridBuilder};
-use ipslam::io::{geojson, map_json, map_server, tum, write_whole};
+use ipslam::io::{geojson, map_json, map_server, poses, tum, write_whole};
 use ipslam::log::{LogEntry, LogSource, readings};
 use ipslam::map::LineMap;
 use ipslam::picture::Figures;
 use ipslam::pipeline::Outcome;
+use ipslam::report::RunResult;
 use ipslam::scan::{Scan, ScanConfig};
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind;
@@ -116,10 +117,12 @@ impl Outputs {
         std::fs::remove_dir_all(&self.staging)
     }
 
-    /// Writes the trajectory.
-    pub fn write_trajectory(&mut self, name: &str, trajectory: &[StampedPose]) {
-        let path = self.stage(name);
-        self.note(tum::write(&path, trajectory));
+    /// Writes the poses that can be relied on as a trajectory, and all of them with what is known of each.
+    pub fn write_poses(&mut self, result: &RunResult) {
+        let path = self.stage("trajectory.tum");
+        self.note(tum::write(&path, &result.trajectory()));
+        let path = self.stage("poses.csv");
+        self.note(poses::write(&path, &result.poses));
     }
 
     /// Keeps an error for the end.

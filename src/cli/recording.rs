@@ -1,8 +1,10 @@
 //! `--record` and `--connect`: the run for the Rerun viewer, with the feature `record`.
 
+use super::semantic::Task;
 use clap::ValueEnum;
 use ipslam::pipeline::RunInfo;
 use ipslam::report::Observer;
+use ipslam::semantic::SemanticMap;
 use std::path::{Path, PathBuf};
 
 /// Where to record.
@@ -61,6 +63,33 @@ impl RecordingArgs {
         anyhow::ensure!(self.record.is_none() && self.connect.is_none(), "--record and --connect need {FEATURE}");
         Ok(Vec::new())
     }
+}
+
+/// Whether objects that a folder tells of can be recorded to a file.
+#[cfg(feature = "record")]
+pub fn check_target(path: &Path, folder: &Path) -> anyhow::Result<()> {
+    // A folder that cannot be listed cannot be read either, which is told there.
+    let mut inputs = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    inputs.try_for_each(|input| refuse_input(path, Some(&input.path())))
+}
+
+/// Without the feature nothing can.
+#[cfg(not(feature = "record"))]
+pub fn check_target(_path: &Path, _folder: &Path) -> anyhow::Result<()> {
+    anyhow::bail!("--record needs {FEATURE}")
+}
+
+/// Records how objects were mapped.
+#[cfg(feature = "record")]
+pub fn record_mapping(path: &Path, task: &Task<'_>, map: &SemanticMap) -> anyhow::Result<()> {
+    ipslam::record::rerun::semantic::record(path, task.mapping(map))?;
+    Ok(())
+}
+
+/// Without the feature nothing is recorded.
+#[cfg(not(feature = "record"))]
+pub fn record_mapping(_path: &Path, _task: &Task<'_>, _map: &SemanticMap) -> anyhow::Result<()> {
+    anyhow::bail!("--record needs {FEATURE}")
 }
 
 /// A recording would destroy what the run reads, by whichever name it goes.

@@ -1,41 +1,44 @@
-//! `ipslam replay`: runs a recorded log again, and compares what comes out with what was recorded.
+//! `ipslam replay`: runs a recorded log again, and compares what comes out with what was recorded. Recordings of objects are
+//! replayed by `replay_semantic`.
 
 use super::backend::BackendArgs;
 use super::configuration::ConfigArgs;
 use super::recording::RecordLevel;
-use super::run::ThreadArgs;
+use super::run::{GridArgs, ThreadArgs};
 use super::truth::TruthArgs;
 use std::path::PathBuf;
 
 /// Runs a recorded log again: to verify the recording, or with other options to compare with it.
 #[derive(Debug, clap::Args)]
 pub struct ReplayArgs {
-    /// Recording that `ipslam run --record` made
+    /// Recording that `ipslam run --record` or `ipslam semantic --record` made
     #[arg(value_name = "RUN.rrd")]
-    recording: PathBuf,
+    pub recording: PathBuf,
     /// Compare bit for bit with what was recorded, on the CPU and with the recorded options; fail at the first difference
     #[arg(long, conflicts_with_all = ["preset", "config", "particles", "maps", "seed", "backend", "adapter"])]
-    verify: bool,
+    pub verify: bool,
     #[command(flatten)]
-    config: ConfigArgs,
+    pub config: ConfigArgs,
     #[command(flatten)]
     backend: BackendArgs,
     #[command(flatten)]
-    threads: ThreadArgs,
+    pub threads: ThreadArgs,
     #[command(flatten)]
-    truth: TruthArgs,
+    pub truth: TruthArgs,
+    #[command(flatten)]
+    grid: GridArgs,
     /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME OF THE RECORDING-replayed]
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
     /// New recording with both runs side by side [default: replay.rrd among the outputs; none with --verify]
     #[arg(long, value_name = "FILE.rrd")]
-    record: Option<PathBuf>,
+    pub record: Option<PathBuf>,
     /// How much of each step is recorded
     #[arg(long, value_enum, default_value_t)]
     record_level: RecordLevel,
     /// Print the comparison as JSON, and nothing else
     #[arg(long)]
-    json: bool,
+    pub json: bool,
 }
 
 /// Without the recorder nothing can be replayed.
@@ -53,16 +56,17 @@ mod with_recorder {
     use super::super::interrupt;
     use super::super::output::Outputs;
     use super::super::recording::refuse_input;
-    use super::super::run::Job;
+    use super::super::replay_semantic::replay_mapping;
+    use super::super::run::{Job, Printed};
     use super::super::say::{print_line, say};
     use super::ReplayArgs;
     use anyhow::{bail, ensure};
     use ipslam::config::{Config, SlamConfig};
-    use ipslam::grid::RESOLUTION;
     use ipslam::log::LogSource as _;
     use ipslam::pipeline::{Outcome, RunInfo};
     use ipslam::record::rerun::RerunObserver;
-    use ipslam::record::rerun::read::{RecordedRun, RecordedStep};
+    use ipslam::record::rerun::read::{RecordedRun, RecordedStep, Store};
+    use ipslam::record::rerun::semantic::RecordedMapping;
     use ipslam::report::{Event, Observer, StageTimes};
     use serde_json::json;
     use std::cell::RefCell;
@@ -71,10 +75,14 @@ mod with_recorder {
 
     /// Runs the log of a recording again. Errors that the run went on after are returned as a list.
     pub fn replay(args: &ReplayArgs) -> anyhow::Result<Vec<anyhow::Error>> {
-        let recorded = RecordedRun::open(&args.recording)?;
+        let store = Store::open(&args.recording)?;
+        if let Config::Semantic(_) = store.info.config {
+            return replay_mapping(args, RecordedMapping::new(store)?);
+        }
+        let recorded = RecordedRun::new(store)?;
         let shown = args.recording.display();
-        ensure!(!recorded.entries().is_empty(), "{shown}: it holds no log: nothing was recorded before it broke off");
-        let Config::Slam(recorded_config) = recorded.info.config else {
+        ensure!(recorded.entries > 0, "{shown}: it holds no log: nothing was recorded before it broke off");
+        let Config::Slam(recorded_config) = recorded.store().info.config else {
             bail!("{shown}: of a localisation; only what `ipslam run` recorded is replayed")
         };
         let config = args.config.over(recorded_config)?;
@@ -86,16 +94,16 @@ mod with_recorder {
         let Chosen { evaluator, name: device } = chosen;
         if args.verify {
             ensure!(
-                recorded.info.device.starts_with("CPU"),
+                recorded.store().info.device.starts_with("CPU"),
                 "{shown} was recorded on the {}: only the CPU repeats a run bit for bit; replay without --verify \
                  compares the two",
-                recorded.info.device
+                recorded.store().info.device
             );
-            if recorded.version != env!("CARGO_PKG_VERSION") {
-                say!("{shown} was recorded by version {}: another version may differ", recorded.version);
+            if recorded.store().version != env!("CARGO_PKG_VERSION") {
+                say!("{shown} was recorded by version {}: another version may differ", recorded.store().version);
             }
         }
-        let info = RunInfo { log: recorded.info.log.clone(), device, config: Config::Slam(config) };
+        let info = RunInfo { log: recorded.store().info.log.clone(), device, config: Config::Slam(config) };
 
         let replayed = Rc::new(RefCell::new(Replayed::default()));
         let mut observers: Vec<Box<dyn Observer>> = vec![Box::new(Listener(Rc::clone(&replayed)))];
@@ -111,9 +119,9 @@ mod with_recorder {
             config: &config,
             max_scans: None,
             truth: &truth,
-            cell_size: RESOLUTION,
+            cell_size: args.grid.cell_size,
             smooth,
-            quiet: args.json,
+            printed: (!args.json).then_some(Printed::Table),
         };
         let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
         drop(observers);
@@ -208,7 +216,7 @@ mod with_recorder {
             let shorter = (was.len() != is.len()).then_some(was.len().min(is.len()) as u32);
             let first_difference = was.iter().zip(is).find(differ).map(|(was, _)| was.step).or(shorter);
             let distances: Vec<f64> = recorded
-                .trajectory()
+                .trajectory
                 .iter()
                 .zip(mapped.result.trajectory())
                 .map(|(was, is)| (was - is.pose.position()).norm())
@@ -216,7 +224,7 @@ mod with_recorder {
             let mean = distances.iter().sum::<f64>() / distances.len().max(1) as f64;
             let apart = (!distances.is_empty()).then(|| (mean, distances.iter().copied().fold(0.0, f64::max)));
             Self {
-                recorded: Side { device: &recorded.info.device, config: recorded_config, steps: was },
+                recorded: Side { device: &recorded.store().info.device, config: recorded_config, steps: was },
                 replayed: Side { device: &info.device, config, steps: is },
                 first_difference,
                 apart,

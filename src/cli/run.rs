@@ -46,6 +46,9 @@ pub struct RunArgs {
     backend: BackendArgs,
     #[command(flatten)]
     recording: RecordingArgs,
+    /// Print the summary as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// The grid that is written.
@@ -72,6 +75,10 @@ pub struct ThreadArgs {
 impl ThreadArgs {
     /// Starts them.
     pub fn start(&self) -> anyhow::Result<()> {
+        // As rayon starts them by itself; a second command of one process has them already.
+        if self.threads == 0 {
+            return Ok(());
+        }
         let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(self.threads));
         pool.build_global().context("no threads (option --threads)")
     }
@@ -97,7 +104,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         truth: &truth,
         cell_size: args.grid.cell_size,
         smooth: true,
-        quiet: false,
+        printed: Some(if args.json { Printed::Json } else { Printed::Table }),
     };
     let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
     if mapped.counts.scans > 0 {
@@ -118,6 +125,13 @@ fn progress_message(counts: &Counts, seconds: f64) -> String {
     )
 }
 
+/// What is printed of a run's summary.
+#[derive(Clone, Copy)]
+pub enum Printed {
+    Table,
+    Json,
+}
+
 /// A run about to start.
 pub struct Job<'a> {
     pub source: &'a dyn LogSource,
@@ -132,7 +146,8 @@ pub struct Job<'a> {
     /// Whether the result is smoothed.
     pub smooth: bool,
     /// Whether the summary stays in its file.
-    pub quiet: bool,
+    /// Where anything is.
+    pub printed: Option<Printed>,
 }
 
 impl Job<'_> {
@@ -168,17 +183,20 @@ impl Job<'_> {
             .note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
         let trajectory_path = outputs.path("trajectory.tum");
         let trajectory = mapped.result.trajectory();
-        outputs.write_trajectory("trajectory.tum", &trajectory);
+        outputs.write_poses(&mapped.result);
         outputs.write("config.toml", toml::to_string(config)?.as_bytes());
         let (report, truth) = self.truth.score(&trajectory_path, &trajectory, &mapped.truth);
         let began = Instant::now();
         let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth, self.cell_size);
         let drawing_seconds = began.elapsed().as_secs_f64();
         let summary = Summary { name, device, mapped, config, map_bytes, drawing_seconds, report: &report };
-        outputs.write("summary.json", format!("{:#}\n", summary.json()?).as_bytes());
-        if !self.quiet {
-            // Whoever closed this pipe has read enough; the summary is in its file.
-            print_line!("{}", summary.table().trim_end());
+        let json = format!("{:#}", summary.json()?);
+        outputs.write("summary.json", format!("{json}\n").as_bytes());
+        // Whoever closed this pipe has read enough; the summary is in its file.
+        match self.printed {
+            Some(Printed::Table) => print_line!("{}", summary.table().trim_end()),
+            Some(Printed::Json) => print_line!("{json}"),
+            None => {}
         }
         if let End::BrokeOff(error) = &mapped.end {
             outputs.note(Err(anyhow!("{error}")));

@@ -2,9 +2,10 @@
 
 use super::output::Outputs;
 use super::progress::{Bar, PERMILLE};
+use super::recording::{check_target, record_mapping};
 use super::say::{print_line, say};
 use super::visual_inertial;
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use clap::ValueEnum;
 use ipslam::association::Policy;
 use ipslam::detections::Recording;
@@ -13,9 +14,12 @@ use ipslam::io::semantic::{self as recordings, results, truth};
 use ipslam::io::tum;
 use ipslam::metrics::trajectory::reference_errors;
 use ipslam::picture::object_map;
-use ipslam::semantic::{SemanticConfig, SemanticMap, Weight, map, map_known};
+#[cfg(feature = "record")]
+use ipslam::record::rerun::semantic::Mapping;
+use ipslam::semantic::{Objects, SemanticConfig, SemanticError, SemanticMap, Weight, map, map_known};
 use serde_json::json;
 use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -35,9 +39,15 @@ pub struct SemanticArgs {
     /// Hypotheses that the forward pass keeps
     #[arg(long, value_name = "COUNT", default_value_t = SemanticConfig::default().beam)]
     beam: usize,
+    /// Keyframes that are estimated at once, as online; older ones stay as they are [default: all]
+    #[arg(long, value_name = "COUNT")]
+    window: Option<NonZeroUsize>,
     /// Which object each detection shows, as ids.csv of `ipslam convert` tells: the best that could be reached
-    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["association", "beam"])]
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["association", "beam", "window"])]
     known_ids: Option<PathBuf>,
+    /// Record how the map came about to this file, for the Rerun viewer and for `ipslam replay`
+    #[arg(long, value_name = "FILE.rrd")]
+    record: Option<PathBuf>,
 }
 
 /// How detections are given to landmarks.
@@ -67,15 +77,23 @@ impl Association {
 
 /// Maps the recording. Outputs that could not be written are returned as a list.
 pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
-    let config =
-        SemanticConfig { association: args.association.policy(), beam: args.beam, ..SemanticConfig::default() };
+    let config = SemanticConfig {
+        association: args.association.policy(),
+        beam: args.beam,
+        window: args.window.map_or(0, NonZeroUsize::get),
+        ..SemanticConfig::default()
+    };
     config.validate()?;
     let folder = std::path::absolute(&args.recording).unwrap_or_else(|_| args.recording.clone());
     let name = folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
     if visual_inertial::is_recording(&args.recording) {
+        ensure!(args.record.is_none(), "--record: what a camera and an inertial sensor saw cannot be recorded yet");
         let mut outputs = Outputs::for_log(args.out.as_deref(), &name)?;
         visual_inertial::estimate(&args.recording, &name, &mut outputs)?;
         return Ok(std::mem::take(&mut outputs.errors));
+    }
+    if let Some(path) = &args.record {
+        check_target(path, &args.recording)?;
     }
     let read = recordings::read(&args.recording)?;
     for warning in &read.warnings {
@@ -84,72 +102,112 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let recording = read.recording;
     let mut outputs = Outputs::for_log(args.out.as_deref(), &name)?;
     let ids = args.known_ids.as_deref().map(|path| truth::read_ids(path, &recording)).transpose()?;
-    let began = Instant::now();
-    let bar = Mutex::new(Bar::new(Some(PERMILLE)));
-    let progress = |share: f64| {
-        if let Ok(mut bar) = bar.try_lock() {
-            bar.update((share * PERMILLE as f64) as u64, |_| "mapping".to_owned());
-        }
-    };
-    let found = match &ids {
-        Some(ids) => map_known(&recording, ids, &config, &progress),
-        None => map(&recording, &config, &progress),
-    };
-    bar.into_inner().unwrap_or_else(PoisonError::into_inner).finish();
-    let found = found.with_context(|| args.recording.display().to_string())?;
-    let seconds = began.elapsed().as_secs_f64();
-
+    let task = Task { name: &name, recording: &recording, objects: ids.as_deref(), config };
+    let (found, seconds) = task.map().with_context(|| args.recording.display().to_string())?;
     let score = Score::of(&args.recording, &recording, &found)?;
-    outputs.write_trajectory("trajectory.tum", &found.trajectory());
-    for (name, text) in results::files(&recording, &found) {
-        outputs.write(name, text.as_bytes());
+    task.write(&found, seconds, &score, &mut outputs)?;
+    if let Some(path) = &args.record {
+        outputs.note(record_mapping(path, &task, &found));
     }
-    match object_map(&name, &recording, &found, &score.reference) {
-        Ok(files) => files.iter().for_each(|(name, bytes)| outputs.write(name, bytes)),
-        Err(error) => outputs.note(Err(error)),
-    }
-    let summary = json!({
-        "recording": name,
-        "seconds": seconds,
-        "keyframes": found.keyframes.len(),
-        "detections": found.detections,
-        "landmarks": found.landmarks.len(),
-        "objective": found.objective,
-        "calibration": {
-            "forward_scale": found.calibration[0],
-            "turn_scale": found.calibration[1],
-            "curvature": found.calibration[2],
-        },
-        "detection_probability": found.detection_probability,
-        "runs": found.runs.iter().map(|run| json!({
-            "new_density": run.new_density,
-            "objective": run.objective,
-            "landmarks": run.landmarks,
-        })).collect::<Vec<_>>(),
-        "verdict": if found.verdict.is_consistent() { "consistent" } else { "doubtful" },
-        "doubts": found.verdict.doubts(),
-        "evidence": found.verdict,
-        "settings": serde_json::to_value(config)?,
-        "rms_error": score.rms,
-        "weight_on_right_landmark": score.right,
-    });
-    outputs.write("summary.json", format!("{summary:#}\n").as_bytes());
     outputs.finish();
     found.verdict.doubts().iter().for_each(|doubt| say!("doubtful: {doubt}"));
-    print_line!(
-        "{} landmarks from {} detections in {} keyframes, {seconds:.1} s; objective {:.1}; {}{}",
+    print_line!("{}{}", summary_line(&found, seconds), score.text());
+    Ok(std::mem::take(&mut outputs.errors))
+}
+
+/// What is mapped, and how.
+pub struct Task<'a> {
+    pub name: &'a str,
+    pub recording: &'a Recording,
+    pub objects: Option<&'a Objects>,
+    pub config: SemanticConfig,
+}
+
+impl Task<'_> {
+    /// Maps it, and tells the seconds that it took.
+    pub fn map(&self) -> Result<(SemanticMap, f64), SemanticError> {
+        let began = Instant::now();
+        let bar = Mutex::new(Bar::new(Some(PERMILLE)));
+        let progress = |share: f64| {
+            if let Ok(mut bar) = bar.try_lock() {
+                bar.update((share * PERMILLE as f64) as u64, |_| "mapping".to_owned());
+            }
+        };
+        let found = match self.objects {
+            Some(objects) => map_known(self.recording, objects, &self.config, &progress),
+            None => map(self.recording, &self.config, &progress),
+        };
+        bar.into_inner().unwrap_or_else(PoisonError::into_inner).finish();
+        Ok((found?, began.elapsed().as_secs_f64()))
+    }
+
+    /// What is recorded of it.
+    #[cfg(feature = "record")]
+    pub fn mapping<'a>(&'a self, map: &'a SemanticMap) -> Mapping<'a> {
+        let Self { name, recording, objects, config } = *self;
+        Mapping { name, recording, objects, config, map }
+    }
+
+    /// Writes the outputs.
+    pub fn write(&self, found: &SemanticMap, seconds: f64, score: &Score, outputs: &mut Outputs) -> anyhow::Result<()> {
+        let path = outputs.stage("trajectory.tum");
+        outputs.note(tum::write(&path, &found.trajectory()));
+        for (name, text) in results::files(self.recording, found) {
+            outputs.write(name, text.as_bytes());
+        }
+        match object_map(self.name, self.recording, found, &score.reference) {
+            Ok(files) => files.iter().for_each(|(name, bytes)| outputs.write(name, bytes)),
+            Err(error) => outputs.note(Err(error)),
+        }
+        let summary = json!({
+            "recording": self.name,
+            "seconds": seconds,
+            "keyframes": found.keyframes.len(),
+            "detections": found.detections,
+            "landmarks": found.landmarks.len(),
+            "objective": found.objective,
+            "calibration": {
+                "forward_scale": found.calibration[0],
+                "turn_scale": found.calibration[1],
+                "curvature": found.calibration[2],
+            },
+            "detection_probability": found.detection_probability,
+            "runs": found.runs.iter().map(|run| json!({
+                "new_density": run.new_density,
+                "objective": run.objective,
+                "landmarks": run.landmarks,
+            })).collect::<Vec<_>>(),
+            "verdict": verdict(found),
+            "doubts": found.verdict.doubts(),
+            "evidence": found.verdict,
+            "settings": serde_json::to_value(self.config)?,
+            "rms_error": score.rms,
+            "weight_on_right_landmark": score.right,
+        });
+        outputs.write("summary.json", format!("{summary:#}\n").as_bytes());
+        Ok(())
+    }
+}
+
+/// Whether to believe a map.
+pub fn verdict(found: &SemanticMap) -> &'static str {
+    if found.verdict.is_consistent() { "consistent" } else { "doubtful" }
+}
+
+fn summary_line(found: &SemanticMap, seconds: f64) -> String {
+    format!(
+        "{} landmarks from {} detections in {} keyframes, {seconds:.1} s; objective {:.1}; {}",
         found.landmarks.len(),
         found.detections,
         found.keyframes.len(),
         found.objective,
-        if found.verdict.is_consistent() { "consistent" } else { "doubtful" },
-        score.text()
-    );
-    Ok(std::mem::take(&mut outputs.errors))
+        verdict(found),
+    )
 }
 
 /// How good the map is, where the recording holds the truth.
-struct Score {
+#[derive(Default)]
+pub struct Score {
     /// Root of the mean squared distance to the true positions, after alignment [m].
     rms: Option<f64>,
     /// Share of the detections' weight that is on the landmark of their object.

@@ -28,6 +28,12 @@ pub struct Truth<'a> {
 }
 
 impl TruthArgs {
+    /// Whether no file is named.
+    #[cfg(feature = "record")]
+    pub fn is_empty(&self) -> bool {
+        self.relations.is_none() && self.reference.is_none()
+    }
+
     /// Reads the files.
     pub fn read(&self) -> Result<Truth<'_>, LogError> {
         let relations = self.relations.as_deref().map(relations::read).transpose()?;

@@ -260,16 +260,6 @@ impl Values {
         Ok(())
     }
 
-    /// Gives a point of space another value \[m\].
-    ///
-    /// # Errors
-    /// The variable is no point of space.
-    pub fn set_point3(&mut self, id: VariableId, point: Point3<f64>) -> Result<(), GraphError> {
-        let range = self.numbers(id, "a point of space", |kind| kind == Kind::Point3)?;
-        self.numbers[range].copy_from_slice(point.coords.as_slice());
-        Ok(())
-    }
-
     /// Gives a vector other numbers.
     ///
     /// # Errors

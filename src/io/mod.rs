@@ -12,6 +12,7 @@ pub mod map_json;
 pub mod map_server;
 pub mod mcap;
 mod open;
+pub mod poses;
 pub mod relations;
 pub mod semantic;
 mod table;

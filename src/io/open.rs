@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-/// The log in a file, or in the folder of a ROS 2 bag: MCAP or CARMEN.
+/// The log in a file, or in the folder of a ROS 2 bag: a bag of ROS or a CARMEN log.
 ///
 /// `topics` chooses among those of a bag.
 ///
@@ -28,18 +28,12 @@ pub fn open_log(path: impl AsRef<Path>, topics: &Topics) -> Result<Box<dyn LogSo
     }
     let mut begin = Vec::new();
     File::open(path).and_then(|file| file.take(16).read_to_end(&mut begin)).map_err(open_error)?;
-    if begin.starts_with(&mcap::MAGIC) {
+    if mcap::is_bag(&begin) {
         return Ok(Box::new(McapLog::new(path, topics)?));
     }
     let other = |reason: &str, expected| {
         Err(LogError::NotThisFormat { path: path.to_owned(), reason: reason.to_owned(), expected })
     };
-    if begin.starts_with(b"SQLite format 3") {
-        return other("this is an SQLite file", TO_MCAP);
-    }
-    if begin.starts_with(b"#ROSBAG") {
-        return other("this is a bag of ROS 1", FROM_ROS_1);
-    }
     if begin.starts_with(b"RRF") {
         return other("this is a recording", "`ipslam replay FILE` runs what it holds again");
     }
@@ -47,17 +41,12 @@ pub fn open_log(path: impl AsRef<Path>, topics: &Topics) -> Result<Box<dyn LogSo
         return other("the whole file is packed by zstd", "unpack it first: `zstd -d FILE`");
     }
     if *topics != Topics::default() {
-        return other("this is no MCAP file", "only a bag has topics to choose from (--scan-topic, --odom-topic)");
+        return other("this is no bag", "only a bag has topics to choose from (--scan-topic, --odom-topic)");
     }
     Ok(Box::new(CarmenLog::new(path)))
 }
 
-const TO_MCAP: &str = "a bag of ROS 2 is read from MCAP: convert its folder by `ros2 bag convert` with \
-                       `storage_id: mcap`, or by `rosbags-convert --src FOLDER --dst OTHER --dst-storage mcap`";
-const FROM_ROS_1: &str =
-    "a bag of ROS 2 in MCAP is needed: `rosbags-convert --src FILE --dst FOLDER --dst-storage mcap`";
-
-/// The MCAP files in the folder of a bag, in the order of their time: several where its `metadata.yaml` says so.
+/// The files in the folder of a bag, MCAP or SQLite, in the order of their time: several where its `metadata.yaml` says so.
 fn files_of_bag(folder: &Path) -> Result<Vec<PathBuf>, LogError> {
     let open_error = |source| LogError::Open { path: folder.to_owned(), source };
     let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<io::Result<Vec<_>>>).map_err(open_error)?;
@@ -69,10 +58,10 @@ fn files_of_bag(folder: &Path) -> Result<Vec<PathBuf>, LogError> {
     let not_read = |reason: &str, expected| {
         Err(LogError::NotThisFormat { path: folder.to_owned(), reason: reason.to_owned(), expected })
     };
-    match &files_with(".mcap")[..] {
+    let [mcap, sqlite] = [".mcap", ".db3"].map(files_with);
+    match if mcap.is_empty() { &sqlite[..] } else { &mcap[..] } {
         [only] => Ok(vec![only.clone()]),
-        [] if !files_with(".db3").is_empty() => not_read("the bag in this folder is in SQLite", TO_MCAP),
-        [] if !files_with(".mcap.zstd").is_empty() => {
+        [] if !files_with(".zstd").is_empty() => {
             not_read("the bag in this folder is packed by zstd", "unpack its files first: `zstd -d FILE`")
         }
         [] => Err(open_error(io::Error::new(io::ErrorKind::IsADirectory, "a folder; name a log file inside it"))),

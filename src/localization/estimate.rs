@@ -89,6 +89,8 @@ const MOST_CREDIT: f64 = 2.0 * LOCATED_CREDIT;
 pub(super) struct Place {
     /// The top of the posterior there.
     pub world_from_robot: Pose,
+    /// Of (forward, sideways, heading) in its own frame.
+    pub covariance: Matrix3<f64>,
     /// Share of the weight before and after the scan.
     pub share: f64,
     pub weight: f64,
@@ -148,7 +150,8 @@ mod tests {
 
     fn place(share: f64, weight: f64, explained: f64) -> Place {
         let world_from_robot = Pose::IDENTITY;
-        Place { world_from_robot, share, weight, concentrated: weight, explained, credit: 0.0 }
+        let covariance = Matrix3::zeros();
+        Place { world_from_robot, covariance, share, weight, concentrated: weight, explained, credit: 0.0 }
     }
 
     /// By hand: of equal shares the weights are as e⁰, e⁻², e⁻⁴ and e⁻⁴; the first two explain enough, the third lacks 0.1 of

@@ -71,6 +71,11 @@ pub enum LocalizationError {
 }
 
 /// The filter.
+///
+/// The covariance of an [`Estimate`] is that of the pose given that the robot is in this place and not in another: at a step,
+/// the inverse of the information at the top of the posterior, of scan and cloud, and 5 cm and 0.02 rad that no map is better
+/// than; between steps, that and what tracking leaves open since, carried to the reading. How likely another place is, the
+/// [`Confidence`] tells.
 #[derive(Debug)]
 pub struct Localization {
     config: LocalizationConfig,
@@ -105,6 +110,8 @@ pub struct Localization {
 #[derive(Clone, Copy, Debug)]
 struct Located {
     world_from_robot: Pose,
+    /// Of (forward, sideways, heading) in the robot's own frame.
+    covariance: Matrix3<f64>,
     confidence: Confidence,
 }
 
@@ -293,7 +300,16 @@ impl Localization {
         let world_from_robot = mode.pose.in_world(self.walls.table.anchor());
         let explained = self.walls.explained(world_from_robot, f64::from(mode.log_likelihood), tiles);
         let credit = credit(before, explained, &self.config);
-        Place { world_from_robot, share: 1.0, weight: cloud.weight, concentrated: cloud.weight, explained, credit }
+        let covariance = unpacked(mode.information).try_inverse().unwrap_or(cloud.covariance) + best_known(1.0);
+        Place {
+            world_from_robot,
+            covariance,
+            share: 1.0,
+            weight: cloud.weight,
+            concentrated: cloud.weight,
+            explained,
+            credit,
+        }
     }
 
     /// How far a place can be relied on.
@@ -301,7 +317,7 @@ impl Localization {
         self.credit = place.credit;
         let is_located = is_alone && self.is_expected(place.world_from_robot) && place.is_sure(&self.config);
         let confidence = Confidence { weight: place.concentrated, explained: place.explained, is_located };
-        Located { world_from_robot: place.world_from_robot, confidence }
+        Located { world_from_robot: place.world_from_robot, covariance: place.covariance, confidence }
     }
 
     /// The top of the posterior of the scan around a pose of the evaluator's frame; the covariance is of (forward,
@@ -367,10 +383,13 @@ impl Estimator for Localization {
                 (reading.stamp, reading.odom_from_robot)
             }
         };
+        let of_step = |last: Located| Motion { mean: last.world_from_robot, covariance: last.covariance };
+        let placed = self.last.map(|last| of_step(last).then(&self.tracker.tracked()));
         let estimate = Estimate {
             stamp,
             odom_from_robot,
-            world_from_robot: self.last.map(|last| last.world_from_robot * self.tracker.tracked().mean),
+            world_from_robot: placed.map(|placed| placed.mean),
+            covariance: placed.map(|placed| placed.covariance_in_earlier_frame()),
             confidence: self.last.map(|last| last.confidence),
         };
         self.estimates.push(estimate);
@@ -414,7 +433,7 @@ mod tests {
         assert!(filter.is_expected(Pose::new(100.0, 0.0, 0.0)), "nothing is known at first");
         let world_from_robot = Pose::new(5.0, 3.0, 3.1);
         let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: false };
-        filter.last = Some(Located { world_from_robot, confidence });
+        filter.last = Some(Located { world_from_robot, covariance: Matrix3::zeros(), confidence });
         filter.tracker = moved(Pose::new(1.0, 0.0, 0.1), 0.12, 0.048);
         let is_expected = |x, y, turn| filter.is_expected(world_from_robot * Pose::new(1.0 + x, y, 0.1 + turn));
         assert!(is_expected(0.0, 0.0, 0.0) && is_expected(0.43, 0.0, 0.0) && is_expected(0.0, -0.43, 0.0));
@@ -478,7 +497,7 @@ mod tests {
         let map = LineMap { clusters, free: FreeArea::from_grid(&grid, []) };
         let mut filter = Localization::new(map, None, LocalizationConfig::default(), None).unwrap();
         let confidence = Confidence { weight: 1.0, explained: 1.0, is_located: true };
-        filter.last = Some(Located { world_from_robot: before, confidence });
+        filter.last = Some(Located { world_from_robot: before, covariance: Matrix3::zeros(), confidence });
         filter
     }
 
@@ -487,7 +506,7 @@ mod tests {
         let mean = LocalPose::new(ROBOT, filter.walls.table.anchor()).in_world(Point2::origin());
         let cloud = Cloud { mean, covariance: Matrix3::identity() * 0.01, weight: 1.0 };
         let place = filter.look(&cloud, 10.0, &tiles_seen());
-        let Located { world_from_robot, confidence } = filter.judge(&place, true);
+        let Located { world_from_robot, confidence, .. } = filter.judge(&place, true);
         let off = world_from_robot.seen_from(ROBOT);
         assert!(off.x.hypot(off.y) < 0.01 && off.heading.abs() < 0.01, "{world_from_robot:?}");
         confidence

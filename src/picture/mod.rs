@@ -16,7 +16,7 @@ mod reproject;
 mod svg;
 
 pub use figures::{Figures, Files};
-pub use objects::object_map;
+pub use objects::{class_colour, object_map};
 pub use png::{PictureError, svg_to_png};
 pub use raster::PointRaster;
 

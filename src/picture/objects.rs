@@ -135,7 +135,7 @@ impl<'a> Objects<'a> {
                 let at = page.place(seen.at);
                 let _ = write!(path, "M{:.1} {:.1}h0", at.x, at.y);
             }
-            let _ = writeln!(svg, "<path d=\"{path}\" stroke=\"{}\"/>", hex(colour(class)));
+            let _ = writeln!(svg, "<path d=\"{path}\" stroke=\"{}\"/>", hex(class_colour(class)));
         }
         svg + "</g>\n"
     }
@@ -146,7 +146,7 @@ impl<'a> Objects<'a> {
             self.landmarks.iter().enumerate().filter(|(_, landmark)| is_drawable(landmark.position))
         {
             let at = page.place(landmark.position);
-            let colour = hex(colour(landmark.class()));
+            let colour = hex(class_colour(landmark.class()));
             if let Some((radii, degrees)) = ellipse(landmark) {
                 let (rx, ry) = (radii.x * page.scale, radii.y * page.scale);
                 let _ = writeln!(
@@ -168,7 +168,8 @@ impl<'a> Objects<'a> {
     }
 }
 
-fn colour(class: usize) -> [u8; 3] {
+/// The colour of a class, by its number.
+pub fn class_colour(class: usize) -> [u8; 3] {
     COLOURS[class % COLOURS.len()]
 }
 
@@ -181,7 +182,7 @@ fn marker(class: usize, at: Point2<f64>) -> String {
         2 => &[[0.0, -1.2], [1.1, 0.8], [-1.1, 0.8]],
         _ => &[[0.0, -1.3], [1.3, 0.0], [0.0, 1.3], [-1.3, 0.0]],
     };
-    let style = format!("fill=\"{}\" stroke=\"#ffffff\" stroke-width=\"1.5\"", hex(colour(class)));
+    let style = format!("fill=\"{}\" stroke=\"#ffffff\" stroke-width=\"1.5\"", hex(class_colour(class)));
     if corners.is_empty() {
         return format!("<circle cx=\"{:.2}\" cy=\"{:.2}\" r=\"{r}\" {style}/>\n", coords.x, coords.y);
     }

@@ -3,11 +3,13 @@
 //! After a while without a landmark, a robot does not know which of several alike it sees. The pass then goes on with all of
 //! them, and what is seen later decides.
 
+use super::config::SemanticConfig;
+use super::history::Candidate;
 use super::hypothesis::{Branch, Hypothesis};
 use super::keyframes::Keyframe;
-use super::progress::Progress;
 use super::sensor_model::SensorModel;
 use crate::detections::Detection;
+use crate::factor_graph::Odometry;
 use crate::geometry::Pose;
 use nalgebra::{Point2, Vector3};
 use std::collections::BTreeMap;
@@ -18,7 +20,7 @@ const NEIGHBOURHOOD: (f64, f64) = (0.1, 0.05);
 /// A hypothesis is dropped that is less likely than the best by this \[nats\].
 const MARGIN: f64 = 40.0;
 
-/// What the best hypothesis says.
+/// What the best hypothesis says of keyframes, from some one to the last.
 #[derive(Clone, Debug)]
 pub struct Pass {
     /// Pose of each keyframe, as it was estimated then.
@@ -36,59 +38,95 @@ struct Past {
     before: Option<usize>,
     pose: Pose,
     ids: Vec<usize>,
+    /// The hypothesis then, where it was kept.
+    state: Option<Box<Hypothesis>>,
 }
 
-/// Runs the pass; `log_new` is the log-density of landmarks that are new.
-pub fn forward(
-    model: &SensorModel<'_>,
-    keyframes: &[Keyframe],
+/// The pass so far.
+pub struct Beam<'a> {
+    model: &'a SensorModel<'a>,
+    /// The log-density of landmarks that are new.
     log_new: f64,
-    beam: usize,
+    count: usize,
     branches: usize,
-    progress: &Progress<'_>,
-) -> Pass {
-    let mut past: Vec<Past> = Vec::new();
-    let mut hypotheses = vec![Hypothesis::start()];
-    for keyframe in keyframes {
-        progress.advance();
-        hypotheses.iter_mut().for_each(|hypothesis| hypothesis.predict(model, keyframe));
+    /// The likeliest first.
+    hypotheses: Vec<Hypothesis>,
+    past: Vec<Past>,
+    /// All hypotheses of each keyframe.
+    pub candidates: Vec<Vec<Candidate>>,
+}
+
+impl<'a> Beam<'a> {
+    /// Nothing seen yet; `log_new` is the log-density of landmarks that are new.
+    pub fn new(model: &'a SensorModel<'a>, log_new: f64, config: &SemanticConfig) -> Self {
+        let (hypotheses, past, candidates) = (vec![Hypothesis::start()], Vec::new(), Vec::new());
+        Self { model, log_new, count: config.beam, branches: config.branches, hypotheses, past, candidates }
+    }
+
+    /// A keyframe more.
+    pub fn advance(&mut self, keyframe: &Keyframe) {
+        let model = self.model;
+        self.hypotheses.iter_mut().for_each(|hypothesis| hypothesis.predict(model, keyframe));
         let seen: Vec<Detection> = keyframe.seen.iter().map(|(_, seen)| *seen).collect();
+        let ways = |parent: &Hypothesis| parent.branches(model, &seen, self.log_new, self.branches);
+        let mut kept = Vec::new();
         if !seen.is_empty() {
-            let ways = |parent: &Hypothesis| parent.branches(model, &seen, log_new, branches);
-            let all = hypotheses.iter().map(ways).enumerate();
+            let all = self.hypotheses.iter().map(ways).enumerate();
             let all = all.flat_map(|(parent, ways)| ways.into_iter().map(move |way| (parent, way))).collect();
-            let kept = select(all, beam);
-            // Where nothing fits at all, the frame is left out.
-            if !kept.is_empty() {
-                hypotheses = children(hypotheses, &kept);
-                for (child, (_, way)) in hypotheses.iter_mut().zip(&kept) {
-                    child.log_likelihood = way.log_likelihood;
-                    let ids = child.follow(model, &seen, &way.landmarks);
-                    past.push(Past { before: child.past, pose: child.pose, ids });
-                    child.past = Some(past.len() - 1);
-                }
-                continue;
+            kept = select(all, self.count);
+        }
+        // Where nothing fits at all, the frame is left out.
+        let mut ids = vec![Vec::new(); self.hypotheses.len()];
+        if !kept.is_empty() {
+            self.hypotheses = children(std::mem::take(&mut self.hypotheses), &kept);
+            let follow = |(child, (_, way)): (&mut Hypothesis, &(usize, Branch))| {
+                child.log_likelihood = way.log_likelihood;
+                child.follow(model, &seen, &way.landmarks)
+            };
+            ids = self.hypotheses.iter_mut().zip(&kept).map(follow).collect();
+        }
+        for (hypothesis, ids) in self.hypotheses.iter_mut().zip(ids) {
+            self.past.push(Past { before: hypothesis.past, pose: hypothesis.pose, ids, state: None });
+            hypothesis.past = Some(self.past.len() - 1);
+        }
+        let candidate = |&Hypothesis { pose, log_likelihood, .. }: &Hypothesis| Candidate { pose, log_likelihood };
+        self.candidates.push(self.hypotheses.iter().map(candidate).collect());
+    }
+
+    /// Keeps all hypotheses as they are, for [`Beam::state`].
+    pub fn keep_states(&mut self) {
+        for hypothesis in &self.hypotheses {
+            if let Some(past) = hypothesis.past.and_then(|place| self.past.get_mut(place)) {
+                past.state = Some(Box::new(hypothesis.clone()));
             }
         }
-        for hypothesis in &mut hypotheses {
-            past.push(Past { before: hypothesis.past, pose: hypothesis.pose, ids: Vec::new() });
-            hypothesis.past = Some(past.len() - 1);
-        }
     }
-    let last = hypotheses.into_iter().next().unwrap_or_else(Hypothesis::start);
-    let (mut poses, mut assignments) = (Vec::new(), Vec::new());
-    let mut next = last.past;
-    while let Some(moment) = next.and_then(|place| past.get_mut(place)) {
-        poses.push(moment.pose);
-        assignments.push(std::mem::take(&mut moment.ids));
-        next = moment.before;
+
+    /// Of the likeliest hypothesis, its past: the last keyframe first.
+    fn history(&self) -> impl Iterator<Item = &Past> {
+        let past = |place: Option<usize>| self.past.get(place?);
+        let last = self.hypotheses.first().and_then(|best| past(best.past));
+        std::iter::successors(last, move |moment| past(moment.before))
     }
-    poses.reverse();
-    assignments.reverse();
-    let tracked = last.landmarks.iter().map(|tracked| (tracked.id, tracked.position));
-    let mut landmarks = last_seen(model, keyframes, &poses, &assignments);
-    landmarks.extend(tracked);
-    Pass { poses, assignments, landmarks, calibration: last.calibration }
+
+    /// The likeliest hypothesis as it was so many keyframes ago, where it was kept.
+    pub fn state(&self, keyframes_ago: usize) -> Option<&Hypothesis> {
+        self.history().nth(keyframes_ago)?.state.as_deref()
+    }
+
+    /// What the likeliest hypothesis says of these keyframes, the last ones.
+    pub fn pass(&self, keyframes: &[Keyframe]) -> Pass {
+        let mut moments: Vec<&Past> = self.history().take(keyframes.len()).collect();
+        moments.reverse();
+        let poses: Vec<Pose> = moments.iter().map(|moment| moment.pose).collect();
+        let assignments: Vec<Vec<usize>> = moments.iter().map(|moment| moment.ids.clone()).collect();
+        let mut landmarks = last_seen(self.model, keyframes, &poses, &assignments);
+        let best = self.hypotheses.first();
+        landmarks
+            .extend(best.into_iter().flat_map(|best| &best.landmarks).map(|tracked| (tracked.id, tracked.position)));
+        let calibration = best.map_or(Vector3::from(Odometry::CALIBRATED), |best| best.calibration);
+        Pass { poses, assignments, landmarks, calibration }
+    }
 }
 
 /// The same where it is known which object each detection shows: one hypothesis, whose landmarks have the numbers of the

@@ -1,7 +1,7 @@
 //! How a recording is mapped.
 
 use crate::association::Policy;
-use crate::parameters::{ConfigError, parameters};
+use crate::parameters::{ConfigError, parameters, with_toml};
 
 /// Densities of detections that show an object not mapped yet \[1/(m rad)\]: the forward pass is run with each, and the
 /// objective chooses. No single one suits all recordings: a high one doubles objects, a low one takes neighbours for one.
@@ -20,6 +20,8 @@ parameters! {
         interval: f64 = 0.4, in 0.0..=60.0;
         /// E and M steps after the forward pass, over all frames.
         sweeps: usize = 8, in 1.0..=100.0;
+        /// Keyframes that are estimated at once: mapping online; 0 takes all of them together, when the recording is over.
+        window: usize = 0, in 0.0..=1e6;
         /// What a landmark costs \[nats\]. It may be anywhere in an area A of about 100 m² and is known to s = 1.7 cm in
         /// the end: ln(A / (2π s²)), the Occam factor.
         landmark_cost: f64 = 10.9, in 0.0..=1000.0;
@@ -33,5 +35,13 @@ impl SemanticConfig {
     /// The first value that is not, with what could be.
     pub fn validate(&self) -> Result<(), ConfigError> {
         self.check("semantic")
+    }
+
+    /// This configuration, with the values that a TOML text sets in place of its own.
+    ///
+    /// # Errors
+    /// The text is no TOML, or one of its keys is unknown or of another type.
+    pub fn with_toml(&self, text: &str) -> Result<Self, ConfigError> {
+        with_toml(self, text)
     }
 }

@@ -1,6 +1,7 @@
 //! E step (eq. 5): how likely each pair of a detection and a landmark is, given the estimate.
 
 use super::estimate::{Estimate, Landmark, Pair};
+use super::hypothesis::Hypothesis;
 use super::keyframes::Keyframe;
 use super::sensor_model::SensorModel;
 use crate::association::{Policy, Table, associate};
@@ -52,6 +53,7 @@ pub fn e_step(
     estimate: &mut Estimate,
     policy: Policy,
     tempering: f64,
+    before: Option<&Hypothesis>,
 ) {
     let landmarks = &estimate.landmarks;
     estimate.weights = keyframes
@@ -78,7 +80,7 @@ pub fn e_step(
             pairs
         })
         .collect();
-    class_posteriors(model, keyframes, estimate);
+    class_posteriors(model, keyframes, estimate, before);
     estimate.detection_probability = detection_probability(model, keyframes, estimate);
 }
 
@@ -113,11 +115,25 @@ fn keep_likeliest(pairs: &mut Vec<Pair>, table: &Table) {
     pairs.iter_mut().for_each(|pair| pair.weight = 1.0);
 }
 
-/// π_j(c) ∝ Π p(label | c)^w over the pairs of landmark j; and the sum of its weights.
-pub fn class_posteriors(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &mut Estimate) {
+/// π_j(c) ∝ Π p(label | c)^w over the pairs of landmark j; and the sum of its weights. Both go on from what is known
+/// `before` the keyframes.
+pub fn class_posteriors(
+    model: &SensorModel<'_>,
+    keyframes: &[Keyframe],
+    estimate: &mut Estimate,
+    before: Option<&Hypothesis>,
+) {
     let classes = model.classes();
     let mut logs = vec![vec![0.0; classes]; estimate.landmarks.len()];
-    estimate.landmarks.iter_mut().for_each(|landmark| landmark.weight = 0.0);
+    for ((landmark, logs), number) in estimate.landmarks.iter_mut().zip(&mut logs).zip(&estimate.numbers) {
+        landmark.weight = 0.0;
+        if let Some(place) = before.and_then(|before| before.place(*number))
+            && let Some(known) = before.and_then(|before| before.landmarks.get(place))
+        {
+            landmark.weight = known.sightings as f64;
+            logs.iter_mut().zip(&known.classes).for_each(|(log, share)| *log = share.ln());
+        }
+    }
     for (keyframe, pairs) in keyframes.iter().zip(&estimate.weights) {
         for pair in pairs {
             estimate.landmarks[pair.landmark].weight += pair.weight;

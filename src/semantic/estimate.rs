@@ -6,6 +6,7 @@ use super::sensor_model::{CALIBRATION_SIGMAS, SensorModel, motion_variances};
 use crate::association::{Policy, associate};
 use crate::factor_graph::Odometry;
 use crate::geometry::Pose;
+use crate::report::Bits;
 use nalgebra::{Matrix2, Point2, Vector3};
 
 /// An object of the map.
@@ -26,6 +27,12 @@ impl Landmark {
     pub fn class(&self) -> usize {
         let likeliest = self.classes.iter().enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b));
         likeliest.map_or(0, |(class, _)| class)
+    }
+
+    /// Adds all its numbers to a checksum.
+    pub(super) fn add_to(&self, bits: &mut Bits) {
+        bits.add(self.position.iter().chain(self.covariance.iter()).chain(&self.classes).copied());
+        bits.add([self.weight]);
     }
 }
 
@@ -53,6 +60,8 @@ pub struct Estimate {
     pub detection_probability: f64,
     /// The pairs of each keyframe.
     pub weights: Vec<Vec<Pair>>,
+    /// Of each landmark its number in the forward pass.
+    pub numbers: Vec<usize>,
 }
 
 impl Estimate {
@@ -100,6 +109,8 @@ impl Estimate {
         }
         let mut stays = places.iter().map(Option::is_some);
         self.landmarks.retain(|_| stays.next().unwrap_or(false));
+        let mut stays = places.iter().map(Option::is_some);
+        self.numbers.retain(|_| stays.next().unwrap_or(false));
         for pairs in &mut self.weights {
             pairs.retain_mut(|pair| {
                 let place = places.get(pair.landmark).copied().flatten();

@@ -88,6 +88,18 @@ impl Hypothesis {
         }
     }
 
+    /// The place of the landmark of a number; none where it has none, or forgot it.
+    pub fn place(&self, number: usize) -> Option<usize> {
+        self.landmarks.iter().position(|landmark| landmark.id == number)
+    }
+
+    /// The covariance of pose, calibration, and the landmarks at some places, in this order.
+    pub fn covariance_of(&self, landmarks: &[usize]) -> DMatrix<f64> {
+        let of_landmarks = landmarks.iter().flat_map(|place| [0, 1].map(|axis| FIRST_LANDMARK + 2 * place + axis));
+        let rows: Vec<usize> = (0..FIRST_LANDMARK).chain(of_landmarks).collect();
+        self.covariance.select_rows(&rows).select_columns(&rows)
+    }
+
     /// Moves the robot by calibrated odometry.
     pub fn predict(&mut self, model: &SensorModel<'_>, keyframe: &Keyframe) {
         let (twist, by_calibration) = Odometry::calibrated(keyframe.twist, self.calibration);

@@ -2,12 +2,14 @@
 
 use super::SemanticError;
 use super::estimate::Estimate;
+use super::hypothesis::Hypothesis;
 use super::keyframes::Keyframe;
 use super::sensor_model::{CALIBRATION_SIGMAS, LOSS_SCALE, SensorModel, motion_variances};
 use crate::factor_graph::{
     Covariances, Graph, Loss, Noise, Odometry, Prior, RangeBearing, Solver, SolverConfig, Values, VariableId,
 };
 use crate::geometry::Pose;
+use nalgebra::DMatrix;
 
 /// The first pose is the origin \[m, rad\].
 const ORIGIN_SIGMA: f64 = 1e-4;
@@ -24,23 +26,33 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// The factors: odometry, the origin, the calibration's prior, and each pair by its weight. Noise of detections is
-    /// `tempering` times as wide.
+    /// The factors: odometry, what is known `before` the keyframes or else the origin and the calibration's prior, and each
+    /// pair by its weight. Noise of detections is `tempering` times as wide.
     pub fn new(
         model: &SensorModel<'_>,
         keyframes: &[Keyframe],
         estimate: &Estimate,
         tempering: f64,
+        before: Option<&Hypothesis>,
     ) -> Result<Self, SemanticError> {
         let (mut graph, mut values) = (Graph::new(), Values::new());
         let poses: Vec<VariableId> = estimate.poses.iter().map(|pose| values.add_pose(*pose)).collect();
         let calibration = values.add_vector(estimate.calibration.as_slice());
         let landmarks: Vec<VariableId> =
             estimate.landmarks.iter().map(|landmark| values.add_point(landmark.position)).collect();
-        if let Some(first) = poses.first() {
-            graph.add(Prior::pose(*first, Pose::IDENTITY), Noise::sigmas(&[ORIGIN_SIGMA; 3])?)?;
+        match (poses.first(), before) {
+            (Some(first), Some(before)) => {
+                let known = landmarks.iter().zip(&estimate.numbers);
+                let known = known.filter_map(|(id, number)| Some((*id, before.place(*number)?)));
+                let (prior, noise) = known_before(before, *first, calibration, known)?;
+                graph.add(prior, noise)?;
+            }
+            (Some(first), None) => {
+                graph.add(Prior::pose(*first, Pose::IDENTITY), Noise::sigmas(&[ORIGIN_SIGMA; 3])?)?;
+                graph.add(Prior::vector(calibration, &Odometry::CALIBRATED), Noise::sigmas(&CALIBRATION_SIGMAS)?)?;
+            }
+            (None, _) => {}
         }
-        graph.add(Prior::vector(calibration, &Odometry::CALIBRATED), Noise::sigmas(&CALIBRATION_SIGMAS)?)?;
         for (ends, keyframe) in poses.windows(2).zip(keyframes.iter().skip(1)) {
             let variances = motion_variances(model.sensors.odometry.variances(&keyframe.motion));
             let factor = Odometry::new(ends[0], ends[1], calibration, keyframe.motion.start_from_end);
@@ -92,4 +104,20 @@ impl Problem {
     pub fn poses(&self) -> &[VariableId] {
         &self.poses
     }
+}
+
+/// What a hypothesis knew: everything older than the window, summed up in one Gaussian of pose, calibration and landmarks.
+fn known_before(
+    before: &Hypothesis,
+    pose: VariableId,
+    calibration: VariableId,
+    known: impl Iterator<Item = (VariableId, usize)>,
+) -> Result<(Prior, Noise), SemanticError> {
+    let (ids, places): (Vec<VariableId>, Vec<usize>) = known.unzip();
+    let points = ids.iter().zip(&places).map(|(id, place)| Prior::point(*id, before.landmarks[*place].position));
+    let own = [Prior::pose(pose, before.pose), Prior::vector(calibration, before.calibration.as_slice())];
+    let covariance = before.covariance_of(&places);
+    // The origin is known exactly, and rounding leaves a covariance that is not quite positive.
+    let least = DMatrix::identity(covariance.nrows(), covariance.ncols()) * (ORIGIN_SIGMA * ORIGIN_SIGMA);
+    Ok((Prior::joint(own.into_iter().chain(points)), Noise::covariance(&(covariance + least))?))
 }

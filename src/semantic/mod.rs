@@ -22,9 +22,12 @@
 //! | `keyframes` | the moments whose pose is estimated |
 //! | `sensor_model` | densities of detections and motions |
 //! | `hypothesis`, `beam` | the forward pass |
+//! | `window` | the same online, a few keyframes at a time |
 //! | `estimate` | path, map, weights, and the objective |
+//! | `history` | how the result came about |
 //! | `e_step`, `m_step` | the sweeps |
 //! | `merging` | landmarks mapped twice, and clutter |
+//! | `result` | what comes out |
 //! | `verdict` | whether to believe the map |
 //! | `progress` | how much is done |
 //!
@@ -34,24 +37,30 @@ mod beam;
 mod config;
 mod e_step;
 mod estimate;
+mod history;
 mod hypothesis;
 mod keyframes;
 mod m_step;
 mod merging;
 mod progress;
+mod result;
 mod sensor_model;
 mod verdict;
+mod window;
 
 pub use config::{NEW_DENSITIES, SemanticConfig};
 pub use estimate::Landmark;
+pub use history::{Candidate, History, Sweep};
+pub use result::{Mapped, RunScore, SemanticMap, Weight};
 pub use verdict::Verdict;
 
 use crate::detections::Recording;
-use crate::factor_graph::GraphError;
-use crate::geometry::{Pose, StampedPose};
+use crate::factor_graph::{GraphError, VariableId};
+use crate::geometry::Pose;
 use crate::parameters::ConfigError;
-use beam::Pass;
+use beam::{Beam, Pass};
 use estimate::{Estimate, Pair};
+use hypothesis::Hypothesis;
 use keyframes::Keyframe;
 use m_step::Problem;
 use nalgebra::{Matrix2, Matrix3};
@@ -83,73 +92,6 @@ pub enum SemanticError {
     Graph(#[from] GraphError),
 }
 
-/// A weight of the E step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Weight {
-    /// Number of the frame in the recording.
-    pub frame: usize,
-    /// Number of the detection in the frame.
-    pub detection: usize,
-    /// Number of the landmark in the map.
-    pub landmark: usize,
-    /// Probability that the one shows the other.
-    pub weight: f64,
-}
-
-/// One of the runs that the objective chose from.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RunScore {
-    /// Density of new landmarks \[1/(m rad)\].
-    pub new_density: f64,
-    /// The objective \[nats\].
-    pub objective: f64,
-    /// How many landmarks it has.
-    pub landmarks: usize,
-}
-
-/// A moment of the path.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mapped {
-    /// Seconds.
-    pub stamp: f64,
-    /// `world_from_robot`.
-    pub pose: Pose,
-    /// Covariance of the pose in its own frame: forward, sideways \[m\], turn \[rad\]; as seen from the first pose.
-    pub covariance: Matrix3<f64>,
-    /// Number of the frame in the recording; none where nothing was seen.
-    pub frame: Option<usize>,
-}
-
-/// A recording, mapped.
-#[derive(Clone, Debug)]
-pub struct SemanticMap {
-    /// The moments whose pose was estimated.
-    pub keyframes: Vec<Mapped>,
-    /// The map.
-    pub landmarks: Vec<Landmark>,
-    /// Weights of at least 0.02, frame by frame.
-    pub weights: Vec<Weight>,
-    /// Forward scale, turn scale, curvature \[rad/m\] of the odometry.
-    pub calibration: [f64; 3],
-    /// How often a landmark in view is detected.
-    pub detection_probability: f64,
-    /// The objective \[nats\].
-    pub objective: f64,
-    /// All runs, in the order of [`NEW_DENSITIES`]; none where the associations were known.
-    pub runs: Vec<RunScore>,
-    /// How many detections were used.
-    pub detections: usize,
-    /// Whether the map can be believed.
-    pub verdict: Verdict,
-}
-
-impl SemanticMap {
-    /// The path.
-    pub fn trajectory(&self) -> Vec<StampedPose> {
-        self.keyframes.iter().map(|&Mapped { stamp, pose, .. }| StampedPose { stamp, pose }).collect()
-    }
-}
-
 /// Which object each detection of each frame shows, where that is known.
 pub type Objects = [Vec<Option<u64>>];
 
@@ -162,7 +104,7 @@ pub fn map(
     config: &SemanticConfig,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<SemanticMap, SemanticError> {
-    Mapping::new(recording, config, None, progress)?.map()
+    with_mapping(recording, config, progress, |_, _| true, |mapping| mapping.map())
 }
 
 /// Maps a recording whose associations are known: how good the rest can be at best. Detections of no object are left out.
@@ -175,82 +117,118 @@ pub fn map_known(
     config: &SemanticConfig,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<SemanticMap, SemanticError> {
-    Mapping::new(recording, config, Some(objects), progress)?.map_known(objects)
+    let is_known = |frame, detection| object(objects, frame, detection).is_some();
+    with_mapping(recording, config, progress, is_known, |mapping| mapping.map_known(objects))
 }
 
-/// A recording under way.
+/// Prepares a recording of which some detections are `wanted`, and does something with it.
+fn with_mapping(
+    recording: &Recording,
+    config: &SemanticConfig,
+    progress: &(dyn Fn(f64) + Sync),
+    wanted: impl Fn(usize, usize) -> bool,
+    work: impl FnOnce(&Mapping<'_>) -> Result<SemanticMap, SemanticError>,
+) -> Result<SemanticMap, SemanticError> {
+    config.validate()?;
+    let keyframes = keyframes::keyframes(recording, config.interval, wanted);
+    if keyframes.is_empty() {
+        return Err(SemanticError::NothingSeen);
+    }
+    let progress = Progress::new(progress, NEW_DENSITIES.len() * (keyframes.len() + config.sweeps));
+    let model = SensorModel::new(recording);
+    work(&Mapping { model: &model, keyframes: &keyframes, config, progress: &progress, before: None })
+}
+
+/// Keyframes that are mapped together.
+#[derive(Clone, Copy)]
 struct Mapping<'a> {
-    model: SensorModel<'a>,
-    keyframes: Vec<Keyframe>,
+    model: &'a SensorModel<'a>,
+    keyframes: &'a [Keyframe],
     config: &'a SemanticConfig,
-    progress: Progress<'a>,
+    progress: &'a Progress<'a>,
+    /// What is known of the first one from those before it.
+    before: Option<&'a Hypothesis>,
+}
+
+/// What came of one density of new landmarks.
+struct Run {
+    estimate: Estimate,
+    objective: f64,
+    history: History,
+    /// Of each pose.
+    covariances: Vec<Matrix3<f64>>,
 }
 
 fn object(objects: &Objects, frame: usize, detection: usize) -> Option<u64> {
     objects.get(frame)?.get(detection).copied().flatten()
 }
 
-impl<'a> Mapping<'a> {
-    fn new(
-        recording: &'a Recording,
-        config: &'a SemanticConfig,
-        objects: Option<&Objects>,
-        progress: &'a (dyn Fn(f64) + Sync),
-    ) -> Result<Self, SemanticError> {
-        config.validate()?;
-        let is_wanted = |frame, detection| objects.is_none_or(|objects| object(objects, frame, detection).is_some());
-        let keyframes = keyframes::keyframes(recording, config.interval, is_wanted);
-        if keyframes.is_empty() {
-            return Err(SemanticError::NothingSeen);
-        }
-        let progress = Progress::new(progress, NEW_DENSITIES.len() * (keyframes.len() + config.sweeps));
-        Ok(Self { model: SensorModel::new(recording), keyframes, config, progress })
-    }
-
+impl Mapping<'_> {
     /// One run for each density of new landmarks; the objective chooses.
     fn map(&self) -> Result<SemanticMap, SemanticError> {
         let found: Vec<_> = NEW_DENSITIES.par_iter().map(|density| self.run(*density)).collect();
-        let found: Vec<(Estimate, f64)> = found.into_iter().collect::<Result<_, _>>()?;
-        let score = |(new_density, (estimate, objective)): (f64, &(Estimate, f64))| RunScore {
+        let mut found: Vec<Run> = found.into_iter().collect::<Result<_, _>>()?;
+        let score = |(new_density, run): (f64, &Run)| RunScore {
             new_density,
-            objective: *objective,
-            landmarks: estimate.landmarks.len(),
+            objective: run.objective,
+            landmarks: run.estimate.landmarks.len(),
         };
-        let runs = NEW_DENSITIES.into_iter().zip(&found).map(score).collect();
+        let scores = NEW_DENSITIES.into_iter().zip(&found).map(score).collect();
         // Of equal ones the first.
-        let (best, objective) =
-            found.iter().rev().max_by(|a, b| a.1.total_cmp(&b.1)).ok_or(SemanticError::NothingSeen)?;
-        let others: Vec<&Estimate> =
-            found.iter().map(|(estimate, _)| estimate).filter(|other| !std::ptr::eq(*other, best)).collect();
-        self.finish(best, *objective, runs, &others)
+        let places = (0..found.len()).rev();
+        let best = places.max_by(|a, b| found[*a].objective.total_cmp(&found[*b].objective));
+        let best = found.remove(best.ok_or(SemanticError::NothingSeen)?);
+        Ok(self.finish(best, scores, &found))
     }
 
     /// The M step alone, under weights that are known.
     fn map_known(&self, objects: &Objects) -> Result<SemanticMap, SemanticError> {
         let object = |frame, detection| object(objects, frame, detection);
-        let mut estimate = self.start(beam::forward_known(&self.model, &self.keyframes, object));
+        let mut estimate = self.start(beam::forward_known(self.model, self.keyframes, object));
+        let mut history = History::default();
         for tempering in self.temperings() {
             self.maximise(&mut estimate, tempering)?;
+            history.sweeps.push(Sweep::new(&estimate, self.objective(&estimate)));
         }
         self.progress.finish();
-        estimate.detection_probability = e_step::detection_probability(&self.model, &self.keyframes, &estimate);
+        estimate.detection_probability = e_step::detection_probability(self.model, self.keyframes, &estimate);
         let objective = self.objective(&estimate);
-        self.finish(&estimate, objective, Vec::new(), &[])
+        let covariances = self.covariances(&mut estimate)?;
+        Ok(self.finish(Run { estimate, objective, history, covariances }, Vec::new(), &[]))
     }
 
-    /// Forward pass, sweeps and merging: an estimate and its objective.
-    fn run(&self, new_density: f64) -> Result<(Estimate, f64), SemanticError> {
+    /// Forward pass, sweeps and merging.
+    fn run(&self, new_density: f64) -> Result<Run, SemanticError> {
         let log_new = self.model.log_density_of_any_label(new_density);
-        let (beam, branches) = (self.config.beam, self.config.branches);
-        let pass = beam::forward(&self.model, &self.keyframes, log_new, beam, branches, &self.progress);
+        let mut beam = Beam::new(self.model, log_new, self.config);
+        if self.config.window > 0 {
+            return window::run(self, beam);
+        }
+        for keyframe in self.keyframes {
+            beam.advance(keyframe);
+            self.progress.advance();
+        }
+        let mut sweeps = Vec::new();
+        let estimate = self.sweeps(beam.pass(self.keyframes), |estimate| {
+            sweeps.push(Sweep::new(estimate, self.objective(estimate)));
+            self.progress.advance();
+        })?;
+        let objective = self.objective(&estimate);
+        let (mut estimate, objective) = merging::merge(self, estimate, objective)?;
+        sweeps.push(Sweep::new(&estimate, objective));
+        let covariances = self.covariances(&mut estimate)?;
+        Ok(Run { estimate, objective, history: History { candidates: beam.candidates, sweeps }, covariances })
+    }
+
+    /// E and M steps from what a forward pass leads to; each sweep is told.
+    fn sweeps(&self, pass: Pass, mut tell: impl FnMut(&Estimate)) -> Result<Estimate, SemanticError> {
         let mut estimate = self.start(pass);
         self.maximise(&mut estimate, FIRST_TEMPERING)?;
         for tempering in self.temperings() {
             self.sweep(&mut estimate, tempering)?;
-            self.progress.advance();
+            tell(&estimate);
         }
-        let objective = self.objective(&estimate);
-        merging::merge(self, estimate, objective)
+        Ok(estimate)
     }
 
     /// Tempering of each sweep, the last one 1.
@@ -279,21 +257,27 @@ impl<'a> Mapping<'a> {
         let mut estimate = Estimate {
             landmarks: pass.landmarks.values().map(landmark).collect(),
             weights: pass.assignments.iter().map(pairs).collect(),
+            numbers: pass.landmarks.into_keys().collect(),
             poses: pass.poses,
             calibration: pass.calibration,
             detection_probability: self.model.sensors.detector.detection_probability,
         };
-        e_step::class_posteriors(&self.model, &self.keyframes, &mut estimate);
+        e_step::class_posteriors(self.model, self.keyframes, &mut estimate, self.before);
         estimate
     }
 
     /// One E step and one M step.
     fn sweep(&self, estimate: &mut Estimate, tempering: f64) -> Result<(), SemanticError> {
-        e_step::e_step(&self.model, &self.keyframes, estimate, self.config.association, tempering);
+        self.expect(estimate, tempering);
         let light: Vec<bool> =
             estimate.landmarks.iter().map(|landmark| landmark.weight < MIN_LANDMARK_WEIGHT).collect();
         estimate.retain_landmarks(|place| !light[place]);
         self.maximise(estimate, tempering)
+    }
+
+    /// One E step.
+    fn expect(&self, estimate: &mut Estimate, tempering: f64) {
+        e_step::e_step(self.model, self.keyframes, estimate, self.config.association, tempering, self.before);
     }
 
     /// One M step.
@@ -302,27 +286,27 @@ impl<'a> Mapping<'a> {
     }
 
     fn problem(&self, estimate: &Estimate, tempering: f64) -> Result<Problem, SemanticError> {
-        Problem::new(&self.model, &self.keyframes, estimate, tempering)
+        Problem::new(self.model, self.keyframes, estimate, tempering, self.before)
     }
 
     fn objective(&self, estimate: &Estimate) -> f64 {
-        estimate.objective(&self.model, &self.keyframes, self.config.landmark_cost)
+        estimate.objective(self.model, self.keyframes, self.config.landmark_cost)
     }
 
-    /// The estimate as a result, with covariances; `others` are those of the other runs.
-    fn finish(
-        &self,
-        estimate: &Estimate,
-        objective: f64,
-        runs: Vec<RunScore>,
-        others: &[&Estimate],
-    ) -> Result<SemanticMap, SemanticError> {
+    /// The covariances of the poses; those of the landmarks are written to them.
+    fn covariances(&self, estimate: &mut Estimate) -> Result<Vec<Matrix3<f64>>, SemanticError> {
         let problem = self.problem(estimate, 1.0)?;
         let covariances = problem.covariances()?;
-        let mut landmarks = estimate.landmarks.clone();
-        for (landmark, id) in landmarks.iter_mut().zip(problem.landmarks()) {
+        for (landmark, id) in estimate.landmarks.iter_mut().zip(problem.landmarks()) {
             landmark.covariance.copy_from(&covariances.block(*id)?);
         }
+        let of_pose = |id: &VariableId| Ok(Matrix3::from_column_slice(covariances.block(*id)?.as_slice()));
+        problem.poses().iter().map(of_pose).collect()
+    }
+
+    /// A run as a result.
+    fn finish(&self, run: Run, runs: Vec<RunScore>, others: &[Run]) -> SemanticMap {
+        let Run { estimate, objective, history, covariances } = run;
         let mut weights = Vec::new();
         for (keyframe, pairs) in self.keyframes.iter().zip(&estimate.weights) {
             let Some(frame) = keyframe.frame else { continue };
@@ -333,25 +317,28 @@ impl<'a> Mapping<'a> {
                 weight: pair.weight,
             }));
         }
-        let mut keyframes = Vec::with_capacity(self.keyframes.len());
-        for ((keyframe, pose), id) in self.keyframes.iter().zip(&estimate.poses).zip(problem.poses()) {
-            let mut covariance = Matrix3::zeros();
-            covariance.copy_from(&covariances.block(*id)?);
-            keyframes.push(Mapped { stamp: keyframe.stamp, pose: *pose, covariance, frame: keyframe.frame });
-        }
-        let agreeing = others.iter().filter(|other| is_same_path(&keyframes, &other.poses)).count();
+        let moments = self.keyframes.iter().zip(&estimate.poses).zip(covariances);
+        let mapped = |((keyframe, pose), covariance): ((&Keyframe, &Pose), _)| Mapped {
+            stamp: keyframe.stamp,
+            pose: *pose,
+            covariance,
+            frame: keyframe.frame,
+        };
+        let keyframes: Vec<Mapped> = moments.map(mapped).collect();
+        let agreeing = others.iter().filter(|other| is_same_path(&keyframes, &other.estimate.poses)).count();
         let agreeing = (!others.is_empty()).then_some(agreeing);
-        Ok(SemanticMap {
-            verdict: Verdict::new(&self.model, &self.keyframes, estimate, agreeing),
+        SemanticMap {
+            verdict: Verdict::new(self.model, self.keyframes, &estimate, agreeing),
             keyframes,
-            landmarks,
+            landmarks: estimate.landmarks,
             weights,
             calibration: estimate.calibration.into(),
             detection_probability: estimate.detection_probability,
             objective,
             runs,
             detections: self.keyframes.iter().map(|keyframe| keyframe.seen.len()).sum(),
-        })
+            history,
+        }
     }
 }
 

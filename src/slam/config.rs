@@ -8,7 +8,7 @@ use crate::loops::{Closer, LoopConfig};
 use crate::map::matching::MatchingConfig;
 use crate::map::merging::MergingConfig;
 use crate::motion::MotionConfig;
-use crate::parameters::{ConfigError, check_seed, parameters, with_toml};
+use crate::parameters::{ConfigError, Parameter, check_seed, explained, parameters, with_toml};
 use crate::scan::ScanConfig;
 use crate::smoothing::{Smoother, SmoothingConfig};
 use crate::tracking::TrackingConfig;
@@ -149,6 +149,30 @@ impl SlamConfig {
     /// the business of [`SlamConfig::validate`].
     pub fn with_toml(&self, text: &str) -> Result<Self, ConfigError> {
         with_toml(self, text)
+    }
+
+    /// The defaults as TOML, each with meaning, unit and range.
+    pub fn explained() -> String {
+        let Self { seed, particles, maps, .. } = Self::default();
+        let of_all = [
+            Parameter::new("seed", &["Seed of all random numbers, up to 2^63 - 1."], seed as i64),
+            Parameter::new("particles", &["Pose particles: a multiple of the maps, up to ten million."], particles),
+            Parameter::new("maps", &["Map hypotheses, 1 to 100000."], maps),
+        ];
+        let sections = [
+            explained::<ScanConfig>("scan"),
+            explained::<ClusteringConfig>("clustering"),
+            explained::<MotionConfig>("motion"),
+            explained::<TrackingConfig>("tracking"),
+            explained::<ProposalConfig>("proposal"),
+            explained::<LikelihoodConfig>("likelihood"),
+            explained::<MatchingConfig>("matching"),
+            explained::<MergingConfig>("merging"),
+            explained::<FilterConfig>("filter"),
+            explained::<SmoothingConfig>("smoothing"),
+            explained::<AblationConfig>("ablation"),
+        ];
+        of_all.iter().map(Parameter::explained).chain(sections).collect()
     }
 
     /// Whether a run is possible with it.

@@ -211,6 +211,9 @@ fn jacobians_are_the_derivatives_of_residuals() {
     check!("prior of a pose", Prior::pose(to, Pose::new(0.0, -1.0, 2.7)));
     check!("prior of a point", Prior::point(point, Point2::new(1.0, 2.0)));
     check!("prior of a vector", Prior::vector(calibration, &Odometry::CALIBRATED));
+    let together =
+        || Prior::joint([Prior::pose(to, Pose::new(0.0, -1.0, 2.7)), Prior::point(point, Point2::new(1.0, 2.0))]);
+    check!("prior of both", together());
     check!("between", Between::new(from, to, Pose::new(1.1, 0.3, 0.2)));
     check!("odometry", Odometry::new(from, to, calibration, Pose::new(1.1, 0.3, 0.2)));
     check!("odometry that turns far", Odometry::new(to, from, calibration, Pose::new(-0.6, 0.4, 2.2)));

@@ -18,7 +18,7 @@ const RIGHT: [f64; 2] = [0.2, 0.05];
 const PARTICLES: usize = 30_000;
 
 /// Every reading of a drive with the true pose there, all in the frame of the building.
-fn drive(seed: u64) -> Vec<(LogEntry, Pose)> {
+pub fn drive(seed: u64) -> Vec<(LogEntry, Pose)> {
     readings(&Simulation::building(seed))
 }
 
@@ -43,7 +43,7 @@ fn readings(simulation: &Simulation) -> Vec<(LogEntry, Pose)> {
     readings
 }
 
-static MAP: LazyLock<LineMap> = LazyLock::new(|| map(&drive(2)));
+pub static MAP: LazyLock<LineMap> = LazyLock::new(|| map(&drive(2)));
 
 /// A map of scans at their true poses.
 fn map(drive: &[(LogEntry, Pose)]) -> LineMap {

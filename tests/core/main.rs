@@ -8,6 +8,7 @@
 mod anderson_darling;
 mod association;
 mod clustering;
+mod covariance;
 mod drive;
 mod evaluator;
 mod factor_graph;

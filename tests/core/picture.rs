@@ -7,7 +7,7 @@ use ipslam::picture::{Figures, Line, Picture, PointRaster, View, object_map, svg
 use ipslam::ppca::Cluster;
 use ipslam::report::{Estimate, RunResult};
 use ipslam::scan::Scan;
-use ipslam::semantic::{Landmark, Mapped, SemanticMap, Verdict, Weight};
+use ipslam::semantic::{History, Landmark, Mapped, SemanticMap, Verdict, Weight};
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 use resvg::tiny_skia::Pixmap;
 use resvg::usvg::roxmltree::{Document, Node};
@@ -267,6 +267,7 @@ fn run() -> (RunResult, Vec<(Scan, Pose, Pose)>) {
         stamp: scan.stamp,
         odom_from_robot: *odom_from_robot,
         world_from_robot: Some(*pose),
+        covariance: None,
         confidence: None,
     };
     let poses = scans.iter().map(estimate).collect();
@@ -367,6 +368,7 @@ fn objects() -> (Recording, SemanticMap) {
         runs: Vec::new(),
         detections: 3,
         verdict: evidence,
+        history: History::default(),
     };
     (recording, map)
 }

@@ -97,6 +97,24 @@ fn a_loop_is_mapped_that_odometry_alone_misses() {
     assert_eq!((again.objective, again.keyframes), (found.objective, found.keyframes));
 }
 
+/// A window of half a round: the loop closes long after its start has left the window.
+#[test]
+fn a_loop_is_mapped_online() {
+    let (recording, truth, _) = recording();
+    let config = SemanticConfig { beam: 8, window: 60, ..SemanticConfig::default() };
+    let found = map(&recording, &config, &|_| ()).unwrap();
+    let rms = rms(&truth, &found.trajectory());
+    assert_eq!((found.keyframes.len(), found.landmarks.len()), (truth.len(), 12), "{:?}", found.runs);
+    assert!(rms < 0.15, "{rms} m");
+    assert!(found.keyframes.iter().all(|keyframe| keyframe.covariance.symmetric_eigenvalues().min() > 0.0));
+    // A pose depends on nothing that comes more than a window later.
+    let mut half = recording.clone();
+    half.frames.truncate(150);
+    let half = map(&half, &config, &|_| ()).unwrap();
+    let same = |count: usize| (0..count).all(|place| half.keyframes[place].pose == found.keyframes[place].pose);
+    assert!(same(90) && !same(150));
+}
+
 #[test]
 fn known_objects_are_mapped_as_they_are_known() {
     let (recording, truth, ids) = recording();

@@ -107,7 +107,9 @@ fn same(a: &LogEntry, b: &LogEntry) -> bool {
 fn a_bag_tells_what_the_carmen_log_told() {
     let (folder, scans) = carmen_as_bags();
     let expected = as_entries(&scans);
-    for bag in ["none.mcap", "lz4.mcap", "zstd.mcap", "unchunked.mcap", "transforms.mcap", "folder", "split"] {
+    let ros2 = ["none.mcap", "lz4.mcap", "zstd.mcap", "unchunked.mcap", "transforms.mcap", "folder", "split", "sqlite"];
+    let ros1 = ["ros1_none.bag", "ros1_lz4.bag", "ros1_bz2.bag", "ros1_tf.bag"];
+    for bag in ros2.into_iter().chain(ros1).chain(["sqlite/sqlite.db3"]) {
         let outcome = read(&*open_log(folder.path().join(bag), &TOPICS).unwrap());
         assert!(outcome.error.is_none(), "{bag}: {:?}", outcome.error);
         assert_eq!(outcome.entries.len(), expected.len(), "{bag}: {:?}", outcome.stats);
@@ -420,6 +422,44 @@ fn malformed_messages_are_left_out_and_counted() {
     }
 }
 
+fn a_bag_of_ros_1_tells_the_same() {
+    let scan = |tenths: u32| changed(scan("/scan", tenths, "laser"), "ranges", json!([1.5, "nan", 3.25, 0.125]));
+    let messages = json!([
+        fixed(["base", "laser"], [0.2, -0.1, 0.3], [0.0, 0.0, 0.5]),
+        odometry("/odom", 0, 1.0, 0.25),
+        scan(1),
+        odometry("/odom", 2, 2.0, 0.75),
+        scan(3),
+    ]);
+    let moving = json!([
+        transform("/tf", 0, ["odom", "base"], [1.0, 2.0, 0.0], [0.0, 0.0, 0.5]),
+        scan(1),
+        transform("/tf", 2, ["odom", "base"], [1.5, 2.5, 0.0], [0.0, 0.0, 0.6]),
+    ]);
+    let short = raw("/scan", "sensor_msgs/LaserScan", "ros1", &"00".repeat(40));
+    let folder = bags(json!([
+        {"name": "0.mcap", "messages": messages}, {"name": "0_ros1.mcap", "ros1": true, "messages": messages},
+        {"name": "1.mcap", "messages": moving}, {"name": "1_ros1.mcap", "ros1": true, "messages": moving},
+        {"name": "short.mcap", "ros1": true, "messages": [scan(1), short, scan(2)]},
+    ]));
+    let told = |name: &str| read(&*open_log(folder.path().join(name), &TOPICS).unwrap());
+    for (name, scans, odometry) in [("0", 2, 2), ("1", 1, 2)] {
+        let (ros2, ros1) = (told(&format!("{name}.mcap")), told(&format!("{name}_ros1.mcap")));
+        assert_eq!((ros1.stats.laser, ros1.stats.odometry, ros1.stats.malformed), (scans, odometry, 0));
+        assert_eq!(ros1.stats, ros2.stats);
+        assert_eq!(ros1.entries.len(), ros2.entries.len());
+        for (index, (is, expected)) in ros1.entries.iter().zip(&ros2.entries).enumerate() {
+            assert!(same(is, expected), "{index}: {is:?} is not {expected:?}");
+        }
+        let shifted = ros1.entries.iter().zip(ros2.entries.iter().skip(1)).filter(|(a, b)| same(a, b)).count();
+        assert_eq!(shifted, 0, "the comparison rejects nothing");
+    }
+    let outcome = told("short.mcap");
+    assert_eq!((outcome.stats.laser, outcome.stats.malformed), (2, 1));
+    let first = outcome.stats.first_malformed.unwrap();
+    assert!(first.contains("/scan: it is shorter than its fields"), "{first}");
+}
+
 fn ranges_that_are_none_are_marked() {
     let ranges = json!([0.25, 0.5, 7.5, 8.0, 9.0, "nan", "inf", "-inf", -1.0]);
     let folder = bags(json!([
@@ -617,6 +657,7 @@ fn a_log_is_known_by_its_content() {
     };
     write("carmen.mcap", b"ODOM 0 0 0 0 0 0 1 host 0\n");
     write("one.bag", b"#ROSBAG V2.0\n");
+    write("old.bag", b"#ROSBAG V1.2\n");
     write("bag.db3", b"SQLite format 3\0");
     write("bag.mcap.zstd", b"\x28\xb5\x2f\xfd\0\0\0\0");
     write("run.rrd", b"RRF2");
@@ -629,11 +670,12 @@ fn a_log_is_known_by_its_content() {
     assert_eq!(read(&*open_log(folder.path().join("carmen.mcap"), &TOPICS).unwrap()).entries.len(), 1);
     for (name, topics, expected) in [
         ("carmen.mcap", &chosen, "only a bag has topics"),
-        ("one.bag", &TOPICS, "rosbags-convert"),
-        ("bag.db3", &TOPICS, "ros2 bag convert"),
+        ("one.bag", &TOPICS, "no message of type"),
+        ("old.bag", &TOPICS, "rosbag fix"),
+        ("bag.db3", &TOPICS, "no bag that can be read"),
         ("bag.mcap.zstd", &TOPICS, "zstd -d"),
         ("run.rrd", &TOPICS, "ipslam replay"),
-        ("sqlite", &TOPICS, "ros2 bag convert"),
+        ("sqlite", &TOPICS, "no bag that can be read"),
         ("packed", &TOPICS, "zstd -d"),
         ("split", &TOPICS, "several files"),
         ("other", &TOPICS, "a folder"),
@@ -653,12 +695,46 @@ fn folders_of_bags() {
     let messages = json!([odometry("/odom", 0, 1.0, 0.0), scan("/scan", 1, "base")]);
     let folder = bags(json!([
         {"name": "mine", "storage": "folder", "messages": messages},
-        {"name": "old", "storage": "sqlite", "messages": messages},
     ]));
     let log = open_log(folder.path().join("mine"), &TOPICS).unwrap();
     assert_eq!((log.name().as_str(), read(&*log).entries.len()), ("mine", 2));
-    let error = open_log(folder.path().join("old"), &TOPICS).err().unwrap().to_string();
-    assert!(error.contains("in SQLite") && error.contains("ros2 bag convert"), "{error}");
+}
+
+/// Cut off and with bytes turned over, bags of other kinds than MCAP are read as far as they go, or refused.
+fn damaged_bags_of_all_kinds_are_survived() {
+    let messages = drive("any", "none", true)["messages"].clone();
+    let folder = bags(json!([
+        {"name": "new", "storage": "sqlite", "messages": messages},
+        {"name": "none.bag", "storage": "ros1", "compression": "none", "messages": messages},
+        {"name": "lz4.bag", "storage": "ros1", "compression": "lz4", "messages": messages},
+        {"name": "bz2.bag", "storage": "ros1", "compression": "bz2", "messages": messages},
+    ]));
+    let damaged = folder.path().join("damaged");
+    for name in ["new/new.db3", "none.bag", "lz4.bag", "bz2.bag"] {
+        let bytes = std::fs::read(folder.path().join(name)).unwrap();
+        let whole = read(&*open_log(folder.path().join(name), &TOPICS).unwrap());
+        assert!(whole.error.is_none() && whole.entries.len() > 10, "{name}: {:?}", whole.error);
+        let (mut refused, mut less) = (0, 0);
+        for trial in 0..60 {
+            let mut bytes = bytes.clone();
+            let place = bytes.len() * (trial / 2 + 1) / 32;
+            if trial % 2 == 0 {
+                bytes.truncate(place)
+            } else {
+                bytes[place] ^= 0xff
+            }
+            std::fs::write(&damaged, bytes).unwrap();
+            let Ok(log) = open_log(&damaged, &TOPICS) else {
+                refused += 1;
+                continue;
+            };
+            let outcome = read(&*log);
+            assert_sound(&outcome);
+            less += usize::from(outcome.entries.len() < whole.entries.len());
+        }
+        println!("{name}: {refused} refused, {less} with less");
+        assert!(refused + less > 10, "{name}: no damage was noticed");
+    }
 }
 
 fn the_program_maps_a_bag() {
@@ -682,6 +758,6 @@ fn the_program_maps_a_bag() {
 crate::needs::trials! {
     "mcap":
     DataAndPython { a_bag_tells_what_the_carmen_log_told, a_bag_gives_the_map_of_the_carmen_log, a_bag_in_several_files_is_read_as_its_metadata_tells, the_program_maps_a_bag }
-    Python { odometry_at_a_scan_lies_between_its_neighbours, where_the_laser_is_mounted, the_user_chooses_among_topics, malformed_messages_are_left_out_and_counted, ranges_that_are_none_are_marked, a_bag_that_was_cut_off_is_read_as_far_as_it_goes, a_damaged_chunk_is_left_out, folders_of_bags }
+    Python { odometry_at_a_scan_lies_between_its_neighbours, where_the_laser_is_mounted, the_user_chooses_among_topics, malformed_messages_are_left_out_and_counted, a_bag_of_ros_1_tells_the_same, ranges_that_are_none_are_marked, a_bag_that_was_cut_off_is_read_as_far_as_it_goes, a_damaged_chunk_is_left_out, folders_of_bags, damaged_bags_of_all_kinds_are_survived }
     Nothing { sizes_are_not_taken_at_their_word, the_seeds_are_bags, any_damage_is_survived, a_log_is_known_by_its_content }
 }

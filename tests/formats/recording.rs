@@ -173,6 +173,7 @@ fn result(steps: u32) -> RunResult {
         stamp: stamp(i),
         odom_from_robot: odometry(i),
         world_from_robot: Some(true_pose(i)),
+        covariance: None,
         confidence: None,
     };
     let map = LineMap { clusters: vec![wall(0.0), wall(5.0), wall(10.0)], free: None };

@@ -3,6 +3,7 @@
 
 #![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "a test's helpers may fail as a test does")]
 
+mod localization;
 mod metrics;
 #[path = "../common/needs.rs"]
 mod needs;
@@ -16,6 +17,7 @@ mod visual_inertial;
 
 fn main() {
     let trials = [
+        localization::trials(),
         metrics::trials(),
         pipeline::trials(),
         program::trials(),

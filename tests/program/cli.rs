@@ -16,7 +16,7 @@ use tempfile::TempDir;
 
 const SEED: u64 = 3;
 const FEW: [&str; 4] = ["--maps", "4", "--particles", "4"];
-const OUTPUTS: [&str; 14] = [
+const OUTPUTS: [&str; 15] = [
     "config.toml",
     "figure3_odometry_map.png",
     "figure4a_trajectory.png",
@@ -28,6 +28,7 @@ const OUTPUTS: [&str; 14] = [
     "map.png",
     "map.svg",
     "map.yaml",
+    "poses.csv",
     "summary.json",
     "trajectory.tum",
     "walls.geojson",
@@ -384,9 +385,11 @@ fn damaged_lines_are_left_out_and_counted() {
     });
     assert!(laser > 10, "{laser} laser readings; is the log still written as FLASER?");
     place.write("damaged.log", damaged);
-    place.run(&["damaged.log", "--out", "out"]).ended(0);
+    let printed = place.run(&["damaged.log", "--out", "out", "--json"]);
+    printed.ended(0);
     place.assert_outputs("out");
     let summary = place.summary("out");
+    assert_eq!(serde_json::from_str::<Value>(&printed.out).unwrap(), summary);
     assert_eq!(summary["beams"]["scans"], laser - 2);
     assert_eq!(summary["beams"]["scans_without_points"], 2);
     assert_eq!(summary["log"]["stats"]["malformed"], 2);
@@ -695,8 +698,20 @@ fn what_cannot_be_converted_is_told_with_what_can() {
 #[test]
 fn shells_and_manuals_know_every_command() {
     let place = Place::new();
-    let commands =
-        ["run", "localize", "replay", "view", "eval", "simulate", "devices", "bench", "convert", "completions", "man"];
+    let commands = [
+        "run",
+        "localize",
+        "replay",
+        "view",
+        "eval",
+        "simulate",
+        "devices",
+        "bench",
+        "convert",
+        "config",
+        "completions",
+        "man",
+    ];
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let done = place.ipslam(&["completions", shell]);
         for word in commands.iter().chain(&["max-scans", "ipslam"]) {
@@ -715,6 +730,34 @@ fn shells_and_manuals_know_every_command() {
     place.write("script", script);
     let done = Done::new(Command::new("bash").args(["-n"]).arg(place.path("script")).output().unwrap());
     done.ended(0);
+}
+
+/// What `config` prints is a configuration, and what the documentation has.
+#[test]
+fn every_parameter_is_explained() {
+    let place = Place::new();
+    let printed = place.ipslam(&["config"]).ended(0).out.clone();
+    // Every key is there, with its default and a comment above it.
+    let defaults = toml::Table::try_from(ipslam::config::SlamConfig::default()).unwrap();
+    assert_eq!(toml::from_str::<toml::Table>(&printed).unwrap(), defaults);
+    let lines: Vec<&str> = printed.lines().collect();
+    assert_eq!(lines.windows(2).find(|pair| pair[1].contains(" = ") && !pair[0].starts_with('#')), None);
+    let range = "# Shorter ranges are no measurement [m].\n# Range: 0 to 1000000.\nmin_range = 0.1\n";
+    assert!(printed.contains(range), "{printed}");
+    place.write("drive.log", drive(1.0).1);
+    place.write(
+        "all.toml",
+        printed.replace("\nmaps = 256\n", "\nmaps = 2\n").replace("\nparticles = 256\n", "\nparticles = 2\n"),
+    );
+    place.ipslam(&["run", "drive.log", "--config", "all.toml", "--out", "out"]).ended(0);
+    assert_eq!(place.summary("out")["configuration"]["maps"], 2);
+    let documented = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/parameters.md")).unwrap();
+    let (_, block) = documented.split_once("```toml\n").unwrap();
+    assert_eq!(
+        block.trim_end().strip_suffix("```").unwrap(),
+        printed,
+        "docs/parameters.md is not what `ipslam config` prints"
+    );
 }
 
 /// In the map of a drive, by the log of the same drive: as `map.json` and as a grid, from anywhere and from a prior.
@@ -749,7 +792,11 @@ fn the_robot_is_found_in_a_map_of_either_kind() {
         // Once found, a few do.
         assert!(found["particles"]["median"].as_u64().unwrap() < 2000, "{found:#}");
         assert_eq!(place.summary("found")["particles"], found["particles"]);
-        assert!(!tum::read(&place.path("found/trajectory.tum")).unwrap().is_empty());
+        // A pose that is not relied on is there and marked.
+        let located = tum::read(&place.path("found/trajectory.tum")).unwrap().len();
+        let poses = std::fs::read_to_string(place.path("found/poses.csv")).unwrap();
+        let [relied_on, not] = [",1", ",0"].map(|end| poses.lines().filter(|row| row.ends_with(end)).count());
+        assert!(located > 0 && relied_on == located && not > 0, "{located} located; {relied_on} and {not} rows");
         assert!(std::fs::read(place.path("found/map.png")).unwrap().starts_with(b"\x89PNG"));
     }
 }
@@ -774,10 +821,10 @@ fn a_map_that_cannot_be_used_is_an_error() {
         (&["no_area.json", "drive.clf"], &["does not tell where a robot can be", "run the log again"]),
         (&["no_walls.json", "drive.clf"], &["no_walls.json: it has no wall"]),
         (&["mapped/map.json", "none.clf"], &["none.clf: cannot be opened"]),
-        (&["mapped/map.json"], &["no log is named"]),
     ] {
         place.ipslam(&[&["localize"], words].concat()).failed(1, expected);
     }
+    place.ipslam(&["localize", "mapped/map.json"]).failed(2, &["no log is named"]);
     for words in [["--start", "1,2"], ["--start", "1,2,x"], ["--max-particles", "-1"], ["--max-particles", "0"]] {
         place.ipslam(&[&["localize", "mapped/map.json", "drive.clf"], &words[..]].concat()).ended(2);
     }

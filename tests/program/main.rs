@@ -6,3 +6,5 @@ mod cli;
 mod faults;
 #[cfg(feature = "record")]
 mod replay;
+#[cfg(feature = "record")]
+mod semantic;

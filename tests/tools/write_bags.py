@@ -1,4 +1,4 @@
-"""Writes ROS 2 bags in MCAP files for tests/mcap.rs, with writers that know nothing of ipslam.
+"""Writes bags of ROS 2 (MCAP, SQLite) and ROS 1 (MCAP, .bag) for tests/formats/mcap.rs, with writers that know nothing of ipslam.
 
     write_bags.py spec SPEC.json            the bags that a JSON file describes
     write_bags.py carmen LOG.gz COUNT DIR   the first COUNT FLASER messages of a CARMEN log, in several ways
@@ -14,13 +14,17 @@ from pathlib import Path
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
+from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.rosbag2 import Reader as FolderReader
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as FolderWriter
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 T = STORE.types
+STORE1 = get_typestore(Stores.ROS1_NOETIC)
+STORE1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", "tf2_msgs/msg/TFMessage"))
+T1 = STORE1.types
 COMPRESSION = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
 
 
@@ -89,11 +93,14 @@ KINDS = {
 }
 
 
-def encoded(m, little_endian):
+def encoded(m, little_endian, ros1=False):
     """Type, encoding and bytes of a message."""
     if m["kind"] == "raw":
         return m["schema"], m["encoding"], bytes.fromhex(m["data"])
     name, make = KINDS[m["kind"]]
+    if ros1:
+        data = STORE.cdr_to_ros1(STORE.serialize_cdr(make(m), name), name)
+        return name.replace("/msg/", "/"), "ros1", bytes(data)
     return name, "cdr", bytes(STORE.serialize_cdr(make(m), name, little_endian=little_endian))
 
 
@@ -106,12 +113,13 @@ def write_file(bag):
             use_chunking=bag.get("chunked", True),
             enable_crcs=bag.get("checksums", True),
         )
-        writer.start(profile="ros2", library="test")
+        ros1 = bag.get("ros1", False)
+        writer.start(profile="ros1" if ros1 else "ros2", library="test")
         schemas, channels = {}, {}
         for log_time, m in enumerate(bag["messages"]):
-            name, encoding, data = encoded(m, bag.get("little_endian", True))
+            name, encoding, data = encoded(m, bag.get("little_endian", True), ros1)
             if name not in schemas:
-                schemas[name] = writer.register_schema(name, "ros2msg", b"# not read")
+                schemas[name] = writer.register_schema(name, "ros1msg" if ros1 else "ros2msg", b"# not read")
             if m["topic"] not in channels:
                 channels[m["topic"]] = writer.register_channel(m["topic"], encoding, schemas[name])
             writer.add_message(channels[m["topic"]], log_time, data, log_time)
@@ -157,8 +165,33 @@ def write_split(bag):
         assert reader.message_count == sum(1 for _ in reader.messages()) == len(messages)
 
 
+def as_ros1(value):
+    """The same message of ROS 1, whose headers count."""
+    if not hasattr(value, "__dataclass_fields__"):
+        return [as_ros1(item) for item in value] if isinstance(value, list) else value
+    fields = {name: as_ros1(getattr(value, name)) for name in value.__dataclass_fields__ if name != "__msgtype__"}
+    if value.__msgtype__ == "std_msgs/msg/Header":
+        fields["seq"] = 7
+    return T1[value.__msgtype__](**fields)
+
+
+def write_ros1(bag):
+    writer, connections = BagWriter(bag["path"]), {}
+    if bag["compression"] != "none":
+        writer.set_compression(BagWriter.CompressionFormat[bag["compression"].upper()])
+    with writer:
+        for log_time, m in enumerate(bag["messages"]):
+            name, make = KINDS[m["kind"]]
+            if m["topic"] not in connections:
+                connections[m["topic"]] = writer.add_connection(m["topic"], name, typestore=STORE1)
+            data = bytes(STORE1.serialize_ros1(as_ros1(make(m)), name))
+            writer.write(connections[m["topic"]], log_time, data)
+
+
 def write(bag):
     match bag.get("storage", "file"):
+        case "ros1":
+            write_ros1(bag)
         case "file":
             write_file(bag)
         case "folder":
@@ -217,6 +250,11 @@ def carmen(log, count, folder):
     write({"path": folder / "transforms.mcap", "little_endian": False, "messages": by_transforms})
     write({"path": folder / "folder", "storage": "folder", "messages": by_transforms})
     write({"path": folder / "split", "storage": "split", "messages": by_odometry})
+    write({"path": folder / "sqlite", "storage": "sqlite", "messages": by_odometry})
+    for compression in ["none", "lz4", "bz2"]:
+        path = folder / f"ros1_{compression}.bag"
+        write({"path": path, "storage": "ros1", "compression": compression, "messages": by_odometry})
+    write({"path": folder / "ros1_tf.bag", "storage": "ros1", "compression": "none", "messages": by_transforms})
 
 
 match sys.argv[1:]:

@@ -53,7 +53,7 @@ const LINES_TO_RECOGNISE: u64 = 1000;
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 const EXPECTED: &str = "a CARMEN log is needed: text, plain or gzip, one message a line (FLASER, RLASER, ROBOTLASER1, \
-                        RAWLASER1, ODOM, ...), or a bag of ROS 2 (MCAP); give such a file or convert this one";
+                        RAWLASER1, ODOM, ...), or a bag of ROS; give such a file or convert this one";
 
 /// A CARMEN log in a file.
 #[derive(Clone, Debug)]

@@ -1,7 +1,9 @@
-//! The four ROS 2 messages that a log is made of, from their bytes (CDR, of either byte order).
+//! The four messages that a log is made of, from their bytes: those of ROS 2 (CDR, of either byte order) and of ROS 1.
 //!
 //! Fields that nothing here depends on and that nothing needed comes after are left out.
 
+use super::records::{Channel, Fields};
+use super::ros1::Ros1;
 use crate::geometry::Pose;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use re_cdr::{BigEndian, LittleEndian, from_bytes};
@@ -19,15 +21,15 @@ const QUATERNION_TOLERANCE: f64 = 0.1;
 /// `std_msgs/msg/Header`
 #[derive(Debug, Deserialize)]
 pub(super) struct Header {
-    stamp: Time,
-    frame_id: String,
+    pub(super) stamp: Time,
+    pub(super) frame_id: String,
 }
 
 /// `builtin_interfaces/msg/Time`
 #[derive(Debug, Deserialize)]
-struct Time {
-    sec: i32,
-    nanosec: u32,
+pub(super) struct Time {
+    pub(super) sec: i32,
+    pub(super) nanosec: u32,
 }
 
 /// `sensor_msgs/msg/LaserScan`, without its intensities.
@@ -35,10 +37,10 @@ struct Time {
 pub(super) struct LaserScan {
     pub(super) header: Header,
     pub(super) angle_min: f32,
-    _angle_max: f32,
+    pub(super) _angle_max: f32,
     pub(super) angle_increment: f32,
     pub(super) time_increment: f32,
-    _scan_time: f32,
+    pub(super) _scan_time: f32,
     pub(super) range_min: f32,
     pub(super) range_max: f32,
     pub(super) ranges: Vec<f32>,
@@ -48,7 +50,7 @@ pub(super) struct LaserScan {
 #[derive(Debug, Deserialize)]
 pub(super) struct Odometry {
     pub(super) header: Header,
-    child_frame_id: String,
+    pub(super) child_frame_id: String,
     pub(super) pose: Transform,
 }
 
@@ -62,20 +64,34 @@ pub(super) struct Transforms {
 #[derive(Debug, Deserialize)]
 pub(super) struct StampedTransform {
     pub(super) header: Header,
-    child_frame_id: String,
+    pub(super) child_frame_id: String,
     pub(super) transform: Transform,
 }
 
 /// `geometry_msgs/msg/Transform`, and `geometry_msgs/msg/Pose`, which has the same numbers.
 #[derive(Debug, Deserialize)]
 pub(super) struct Transform {
-    translation: [f64; 3],
+    pub(super) translation: [f64; 3],
     /// x, y, z, w
-    rotation: [f64; 4],
+    pub(super) rotation: [f64; 4],
+}
+
+impl Channel {
+    /// Whether its messages are encoded in a way that is understood: as by ROS 2, or as by ROS 1.
+    pub(super) fn is_understood(&self) -> bool {
+        ["cdr", "ros1"].contains(&&*self.encoding)
+    }
 }
 
 /// Reads a message; `Err` tells what is wrong with it.
-pub(super) fn decode<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
+pub(super) fn decode<T: DeserializeOwned + Ros1>(channel: &Channel, data: &[u8]) -> Result<T, String> {
+    match &*channel.encoding {
+        "ros1" => T::read(&mut Fields(data)).ok_or_else(|| "it is shorter than its fields".to_owned()),
+        _ => from_cdr(data),
+    }
+}
+
+fn from_cdr<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
     let decoded = match data {
         [0, 0, _, _, fields @ ..] => from_bytes::<T, BigEndian>(fields),
         [0, 1, _, _, fields @ ..] => from_bytes::<T, LittleEndian>(fields),

@@ -1,4 +1,5 @@
-//! ROS 2 bags in MCAP files (`.mcap`), with chunks packed by zstd, lz4 or not at all.
+//! Bags of ROS: of ROS 2 in MCAP files (`.mcap`), with chunks packed by zstd, lz4 or not at all, or in SQLite files (`.db3`);
+//! and of ROS 1 (`.bag`), also where they were converted to MCAP.
 //!
 //! In: a file, or the files of a bag one after the other. Out: its odometry and laser sweeps as [`LogEntry`]s in the order
 //! of their stamps, metres, radians and seconds, stamped with the messages' `header.stamp`. Messages and chunks that cannot
@@ -46,18 +47,31 @@ use crate::geometry::Pose;
 use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use frames::Mounting;
 use messages::{Header, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
-use records::{Channel, Next, Records};
+use plan::{OdometrySource, Plan, plan};
+use records::{Channel, Next};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
-use survey::{OdometrySource, Plan, is_static, survey};
+use storage::Storage;
+use survey::survey;
+use transforms::is_static;
 
+mod clock;
 mod frames;
 mod messages;
+mod plan;
 mod records;
+mod ros1;
+mod rosbag;
+#[cfg(not(target_family = "wasm"))]
+mod sqlite;
+mod storage;
 mod survey;
+mod topics;
+mod transforms;
 
-pub(super) use records::MAGIC;
+use records::MAGIC;
+pub(super) use storage::is_bag;
 
 /// Scans that wait for odometry, and odometry that waits for scans, at most: the one comes without the other.
 const MAX_WAITING_SCANS: usize = 256;
@@ -102,7 +116,9 @@ impl McapLog {
     /// # Errors
     /// As for [`Self::new`].
     pub fn of_files(path: PathBuf, files: Vec<PathBuf>, topics: &Topics) -> Result<Self, LogError> {
-        let plan = Arc::new(survey(&path, files.clone(), topics)?);
+        let found = survey(&path, files.clone())?;
+        let plan = plan(&found, topics).map_err(|reason| LogError::Bag { path: path.clone(), reason })?;
+        let plan = Arc::new(plan);
         Ok(Self { path, files, plan })
     }
 }
@@ -117,7 +133,7 @@ impl LogSource for McapLog {
         Ok(Box::new(McapReader {
             path: self.path.clone(),
             plan: Arc::clone(&self.plan),
-            records: Records::open(self.files.clone()).map_err(open_error)?,
+            records: Storage::open(self.files.clone()).map_err(open_error)?,
             odometry: VecDeque::new(),
             scans: VecDeque::new(),
             last_odometry: None,
@@ -148,7 +164,7 @@ struct StampedOdometry {
 struct McapReader {
     path: PathBuf,
     plan: Arc<Plan>,
-    records: Records,
+    records: Storage,
     /// Odometry that was read and not handed out, in the order of the file.
     odometry: VecDeque<StampedOdometry>,
     /// Scans that were read and not handed out, with their stamps and how long they took \[ns\], without odometry.
@@ -199,14 +215,14 @@ impl McapReader {
         let stamp_of = |header: &Header| if plan.clocks_differ.is_some() { Ok(received) } else { header.stamp() };
         match &plan.odometry {
             OdometrySource::Messages { topic } if *topic == channel.topic && channel.schema == ODOMETRY => {
-                let message: Odometry = messages::decode(data)?;
+                let message: Odometry = messages::decode(channel, data)?;
                 let (stamp, odom_from_robot) = (stamp_of(&message.header)?, message.pose.pose()?);
                 self.odometry.push_back(StampedOdometry { stamp, odom_from_robot });
             }
             OdometrySource::Transforms { odom, robot, .. }
                 if channel.schema == TRANSFORMS && !is_static(&channel.topic) =>
             {
-                let message: Transforms = messages::decode(data)?;
+                let message: Transforms = messages::decode(channel, data)?;
                 for stamped in &message.transforms {
                     if stamped.header.frame() == odom && stamped.child_frame() == robot {
                         let (stamp, odom_from_robot) = (stamp_of(&stamped.header)?, stamped.transform.pose()?);
@@ -215,7 +231,7 @@ impl McapReader {
                 }
             }
             _ if channel.topic == plan.scan_topic && channel.schema == LASER_SCAN => {
-                let message: LaserScan = messages::decode(data)?;
+                let message: LaserScan = messages::decode(channel, data)?;
                 let stamp = stamp_of(&message.header)?;
                 let mounting = plan.mountings.get(message.header.frame()).copied().flatten();
                 let reading = reading(stamp, &message, mounting)?;
@@ -299,7 +315,7 @@ impl LogReader for McapReader {
     }
 
     fn progress(&self) -> Option<(u64, u64)> {
-        Some((self.records.consumed(), self.records.all))
+        Some(self.records.progress())
     }
 }
 

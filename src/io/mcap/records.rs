@@ -4,6 +4,7 @@
 //! of the data section; the summary behind it repeats what was read. No size that a file tells is taken at its word:
 //! memory grows with the bytes that are really there, up to a limit.
 
+use super::ros1::ros2_name;
 use crc32fast::hash as crc32;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -15,7 +16,7 @@ use std::sync::Arc;
 pub(in crate::io) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 
 /// Longer records are not kept, and larger chunks not unpacked \[bytes\]; ROS 2 writes chunks of less than 1 MB.
-const MAX_RECORD: u64 = 256 << 20;
+pub(super) const MAX_RECORD: u64 = 256 << 20;
 
 /// Sensor data shrink by less than this, and what claims more is damage.
 const MAX_RATIO: u64 = 1000;
@@ -32,9 +33,9 @@ const DATA_END: u8 = 0x0f;
 #[derive(Debug)]
 pub(super) struct Channel {
     pub(super) topic: String,
-    /// Type of the messages: `sensor_msgs/msg/LaserScan`.
+    /// Type of the messages, as ROS 2 calls it: `sensor_msgs/msg/LaserScan`.
     pub(super) schema: String,
-    /// How the messages are written: `cdr`.
+    /// How the messages are written: `cdr`, or `ros1`.
     pub(super) encoding: String,
 }
 
@@ -211,6 +212,7 @@ impl Records {
         let id = u16::from_le_bytes(fields.number()?);
         let schema = self.schemas.get(&u16::from_le_bytes(fields.number()?)).cloned().unwrap_or_default();
         let (topic, encoding) = (fields.text()?, fields.text()?);
+        let schema = if encoding == "ros1" { ros2_name(&schema) } else { schema };
         self.channels.insert(id, Arc::new(Channel { topic, schema, encoding }));
         Some(())
     }
@@ -245,12 +247,12 @@ fn named(path: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("{}: {error}", path.display()))
 }
 
-fn cut_off() -> io::Error {
+pub(super) fn cut_off() -> io::Error {
     io::Error::new(ErrorKind::UnexpectedEof, "the bag was cut off before its end")
 }
 
 /// The same error, but for the end of the file.
-fn named_cut_off(error: io::Error) -> io::Error {
+pub(super) fn named_cut_off(error: io::Error) -> io::Error {
     if error.kind() == ErrorKind::UnexpectedEof { cut_off() } else { error }
 }
 
@@ -265,10 +267,7 @@ fn unpack(body: &[u8]) -> Result<Vec<u8>, String> {
         Some((size, crc, compression, fields.bytes(packed_size)?))
     });
     let Some((size, crc, compression, packed)) = header else { return Err("it is shorter than its fields".to_owned()) };
-    let most = MAX_RECORD.min(ROOM + MAX_RATIO * packed.len() as u64);
-    if size > most {
-        return Err(format!("unpacked it would have {size} bytes, more than {most} of {} packed ones", packed.len()));
-    }
+    limit(size, packed)?;
     let mut records = Vec::new();
     let unpacked = match &*compression {
         "" => packed.take(size).read_to_end(&mut records),
@@ -286,26 +285,39 @@ fn unpack(body: &[u8]) -> Result<Vec<u8>, String> {
     }
 }
 
+/// Whether so many packed bytes can be as many as `size` unpacked.
+pub(super) fn limit(size: u64, packed: &[u8]) -> Result<(), String> {
+    let most = MAX_RECORD.min(ROOM + MAX_RATIO * packed.len() as u64);
+    if size > most {
+        return Err(format!("unpacked it would have {size} bytes, more than {most} of {} packed ones", packed.len()));
+    }
+    Ok(())
+}
+
 /// The fields of a record that were not read yet; numbers are little-endian.
-struct Fields<'a>(&'a [u8]);
+pub(super) struct Fields<'a>(pub(super) &'a [u8]);
 
 impl<'a> Fields<'a> {
-    fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
+    pub(super) fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
         let (bytes, rest) = self.0.split_at_checked(count)?;
         self.0 = rest;
         Some(bytes)
     }
 
-    fn number<const BYTES: usize>(&mut self) -> Option<[u8; BYTES]> {
+    pub(super) fn number<const BYTES: usize>(&mut self) -> Option<[u8; BYTES]> {
         let (bytes, rest) = self.0.split_first_chunk()?;
         self.0 = rest;
         Some(*bytes)
     }
 
-    /// A text with its length before it.
-    fn text(&mut self) -> Option<String> {
+    /// Bytes with their number before them.
+    pub(super) fn sized(&mut self) -> Option<&'a [u8]> {
         let length = u32::from_le_bytes(self.number()?);
-        let bytes = self.bytes(usize::try_from(length).ok()?)?;
-        Some(String::from_utf8_lossy(bytes).into_owned())
+        self.bytes(usize::try_from(length).ok()?)
+    }
+
+    /// A text with its length before it.
+    pub(super) fn text(&mut self) -> Option<String> {
+        self.sized().map(|bytes| String::from_utf8_lossy(bytes).into_owned())
     }
 }

@@ -11,7 +11,7 @@ use std::path::Path;
 mod detections;
 mod odometry;
 pub mod results;
-mod sensors;
+pub mod sensors;
 pub mod truth;
 
 const SENSORS: &str = "sensors.toml";

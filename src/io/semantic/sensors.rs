@@ -51,14 +51,20 @@ struct Mounting {
 
 pub(super) fn read(path: &Path) -> Result<Sensors, LogError> {
     let text = read_text(path, MAX_LENGTH).map_err(|error| error.in_recording(path, EXPECTED))?;
-    let text = text.as_str();
+    from_toml(&text).map_err(|(line, reason)| LogError::Line { path: path.to_owned(), line, reason })
+}
+
+/// Reads the sensors from the text of such a file.
+///
+/// # Errors
+/// The number of a line, from 1, and what is wrong with it.
+pub fn from_toml(text: &str) -> Result<Sensors, (u64, String)> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let line_error = |line, reason| LogError::Line { path: path.to_owned(), line, reason };
     let file: SensorsFile = toml::from_str(text).map_err(|error| {
         let start = error.span().map_or(0, |span| span.start);
-        line_error(line_at(text, start), error.message().to_owned())
+        (line_at(text, start), error.message().to_owned())
     })?;
-    resolve(file).map_err(|error| line_error(line_of(text, &error), error.to_string()))
+    resolve(file).map_err(|error| (line_of(text, &error), error.to_string()))
 }
 
 fn resolve(file: SensorsFile) -> Result<Sensors, ConfigError> {
@@ -100,6 +106,14 @@ fn line_of(text: &str, error: &ConfigError) -> u64 {
 }
 
 pub(super) fn write(sensors: &Sensors, mut out: impl Write) -> std::io::Result<()> {
+    out.write_all(to_toml(sensors)?.as_bytes())
+}
+
+/// The text of such a file.
+///
+/// # Errors
+/// Such sensors cannot be.
+pub fn to_toml(sensors: &Sensors) -> std::io::Result<String> {
     sensors.validate().map_err(|error| invalid(error.to_string()))?;
     let Pose { x, y, heading } = sensors.robot_from_sensor;
     // One number says the same where wrong labels are equally likely.
@@ -118,5 +132,5 @@ pub(super) fn write(sensors: &Sensors, mut out: impl Write) -> std::io::Result<(
         odometry: sensors.odometry,
     };
     let text = toml::to_string(&file).map_err(|error| invalid(error.to_string()))?;
-    writeln!(out, "# Metres, radians, seconds: docs/formats.md of ipslam tells what each number is.\n{text}")
+    Ok(format!("# Metres, radians, seconds: docs/formats.md of ipslam tells what each number is.\n{text}\n"))
 }

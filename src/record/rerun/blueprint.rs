@@ -173,7 +173,8 @@ pub(super) fn log_odometry_style(stream: &RecordingStream, path: &str) -> Record
 /// The map, large, and three plots beside it.
 pub(super) fn views(config: &Config) -> Blueprint {
     let (legend, first, second) = match config {
-        Config::Slam(_) => (
+        // Objects are recorded in a layout of their own.
+        Config::Slam(_) | Config::Semantic(_) => (
             LEGEND,
             plot("Effective sample size", ["plots/particles/**".to_owned()]),
             plot("Clusters in the map", [CLUSTERS.to_owned()]),
@@ -210,15 +211,15 @@ pub(super) fn comparison_blueprint() -> Blueprint {
 /// The title is the legend: a 2-D view has no other.
 const LEGEND: &str = "map red · scan blue · trajectory white · odometry orange · particles yellow = likely";
 
-fn map_view(title: &str, root: &str) -> Spatial2DView {
+pub(super) fn map_view(title: &str, root: &str) -> Spatial2DView {
     Spatial2DView::new(title).with_origin(format!("/{root}")).with_contents([format!("{}/**", under(root, WORLD))])
 }
 
-fn plot<const N: usize>(name: &str, contents: [String; N]) -> ContainerLike {
+pub(super) fn plot(name: &str, contents: impl IntoIterator<Item = String>) -> ContainerLike {
     TimeSeriesView::new(name).with_origin("/").with_contents(contents).into()
 }
 
-fn whole(views: ContainerLike) -> Blueprint {
+pub(super) fn whole(views: ContainerLike) -> Blueprint {
     // The end of the run tells most; from there one winds back.
     let time = TimePanel::new().with_timeline(STEP_TIMELINE).with_play_state(PlayState::Following);
     let time = time.with_state(PanelState::Collapsed);
@@ -249,11 +250,11 @@ pub(super) fn colour([red, green, blue]: [u8; 3]) -> Color {
 }
 
 /// Radius in points of the screen; what has a higher order lies above.
-fn points(radius: f32, order: f32) -> Points2D {
+pub(super) fn points(radius: f32, order: f32) -> Points2D {
     Points2D::update_fields().with_radii([Radius::new_ui_points(radius)]).with_draw_order(order)
 }
 
-fn lines(rgb: [u8; 3], radius: f32, order: f32) -> LineStrips2D {
+pub(super) fn lines(rgb: [u8; 3], radius: f32, order: f32) -> LineStrips2D {
     LineStrips2D::update_fields()
         .with_colors([colour(rgb)])
         .with_radii([Radius::new_ui_points(radius)])

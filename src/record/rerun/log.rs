@@ -234,7 +234,7 @@ struct Entries {
 
 /// Rows of numbers, of any length each.
 #[derive(Default)]
-struct Rows {
+pub(super) struct Rows {
     numbers: Vec<f64>,
     lengths: Vec<usize>,
     entries: Vec<i64>,
@@ -282,14 +282,14 @@ impl Entries {
 }
 
 impl Rows {
-    fn push(&mut self, entry: i64, numbers: impl IntoIterator<Item = f64>) {
+    pub(super) fn push(&mut self, entry: i64, numbers: impl IntoIterator<Item = f64>) {
         let before = self.numbers.len();
         self.numbers.extend(numbers);
         self.lengths.push(self.numbers.len() - before);
         self.entries.push(entry);
     }
 
-    fn send(&mut self, stream: &RecordingStream, path: &str) -> RecordingStreamResult<()> {
+    pub(super) fn send(&mut self, stream: &RecordingStream, path: &str) -> RecordingStreamResult<()> {
         let Self { numbers, lengths, entries } = std::mem::take(self);
         if entries.is_empty() {
             return Ok(());
@@ -329,7 +329,7 @@ impl Trail {
     }
 }
 
-fn position(point: Point2<f64>) -> [f32; 2] {
+pub(super) fn position(point: Point2<f64>) -> [f32; 2] {
     [point.x as f32, point.y as f32]
 }
 
@@ -350,7 +350,7 @@ fn ellipses(clusters: &[Cluster]) -> LineStrips2D {
     }))
 }
 
-fn arrow(pose: Pose) -> Arrows2D {
+pub(super) fn arrow(pose: Pose) -> Arrows2D {
     let vector = pose.direction() * ARROW;
     Arrows2D::from_vectors([[vector.x as f32, vector.y as f32]]).with_origins([position(pose.position())])
 }

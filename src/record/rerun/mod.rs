@@ -11,17 +11,20 @@
 use crate::pipeline::RunInfo;
 use crate::report::{Event, Observer};
 use ::rerun::blueprint::BlueprintActivation;
-use ::rerun::sink::SinkFlushError;
+use ::rerun::sink::{FileSink, FileSinkError, FileSinkOptions, SinkFlushError};
 use ::rerun::{DEFAULT_CONNECT_URL, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 use log::Recorder;
-use read::RecordedRun;
+use read::{ReadError, RecordedRun};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 pub mod blueprint;
+mod chunks;
+mod entries;
 mod frames;
 mod log;
 pub mod read;
+pub mod semantic;
 
 /// Name under which the viewer keeps the layout of its views.
 const APPLICATION: &str = "ipslam";
@@ -71,6 +74,9 @@ pub enum RecordError {
         /// What was wrong.
         reason: String,
     },
+    /// The recording that was run again cannot be read any more.
+    #[error(transparent)]
+    Read(#[from] ReadError),
     /// The recording cannot be set up.
     #[error("the recording cannot be started: {0}; run without recording")]
     Start(#[from] RecordingStreamError),
@@ -107,14 +113,17 @@ impl Begun {
         let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
         (partial.clone(), Some(Self { partial, path }))
     }
+
+    /// Takes the place.
+    fn finish(self) -> std::io::Result<()> {
+        std::fs::rename(&self.partial, &self.path)
+    }
 }
 
-impl Drop for RerunObserver {
+impl Drop for Begun {
     fn drop(&mut self) {
-        if let Some(begun) = self.begun.take() {
-            // Nothing came of it, and there may be nothing to remove.
-            let _ = std::fs::remove_file(begun.partial);
-        }
+        // Where nothing came of it; what took its place is not there any more.
+        let _ = std::fs::remove_file(&self.partial);
     }
 }
 
@@ -140,7 +149,7 @@ impl RerunObserver {
         blueprint::comparison_blueprint().send(&stream, BlueprintActivation::default())?;
         // How two runs share a plot is not how one has it alone.
         blueprint::log_styles(&stream, blueprint::RECORDED)?;
-        recorded.send(&stream, blueprint::RECORDED);
+        recorded.store().send(&stream, blueprint::RECORDED)?;
         Self::start(stream, blueprint::REPLAYED, level, info, FULL_DISK, begun, failed)
     }
 
@@ -203,8 +212,9 @@ impl Observer for RerunObserver {
             match event {
                 Event::Step(_) if begun.is_some() => {
                     check(recorder.stream())?;
-                    let Some(Begun { partial, path }) = begun.take() else { return Ok(()) };
-                    std::fs::rename(partial, &path).map_err(|error| format!("{}: {error}", path.display()))
+                    let Some(begun) = begun.take() else { return Ok(()) };
+                    let path = begun.path.clone();
+                    begun.finish().map_err(|error| format!("{}: {error}", path.display()))
                 }
                 Event::Step(report) if report.step % CHECK_EVERY == CHECK_EVERY - 1 => check(recorder.stream()),
                 Event::Finished { .. } => check(recorder.stream()),
@@ -232,12 +242,13 @@ fn file(
 ) -> Result<(RecordingStream, impl Fn(String) -> RecordError + use<>), RecordError> {
     let named = path.to_owned();
     let failed = move |reason: String| RecordError::File { path: named.clone(), reason };
-    let stream = builder(name).save(partial).map_err(|error| match error {
-        RecordingStreamError::FileSink(::rerun::sink::FileSinkError::CreateFile { source, .. }) => {
-            failed(source.to_string())
-        }
-        other => failed(other.to_string()),
-    })?;
+    // The footer that a file has by default lists every chunk, and is kept in memory until the end.
+    let sink =
+        FileSink::with_options(partial, FileSinkOptions { write_footer: false }).map_err(|error| match error {
+            FileSinkError::CreateFile { source, .. } => failed(source.to_string()),
+            other => failed(other.to_string()),
+        })?;
+    let stream = builder(name).set_sinks((sink,)).map_err(|error| failed(error.to_string()))?;
     // By default the recording carries the time of the computer, as another timeline.
     stream.set_log_time_enabled(false);
     Ok((stream, failed))

@@ -1,25 +1,22 @@
 //! Reads a recording back: what the run was started with, its log, and what every step found.
 //!
-//! The log in a recording is a [`LogSource`] like any other. A recording that breaks off, because the run or the machine
+//! The log in a recording is a [`LogSource`] like any other, and no more of it is in memory than of any other. A recording that breaks off, because the run or the machine
 //! was stopped, is read as far as it goes.
 
 use super::blueprint;
-use super::frames::{WholeFrames, whole_frames};
+use super::chunks::Chunks;
+use super::entries::{Entries, RecordedReader};
 use super::log::About;
 use crate::config::ConfigError;
 use crate::geometry::Pose;
-use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
+use crate::log::{LogError, LogReader, LogSource, LogStats};
 use crate::pipeline::RunInfo;
 use crate::report::{StageTimes, StepReport};
 use ::rerun::components::{LineStrip2D, Scalar, Text};
 use ::rerun::log::Chunk;
-use ::rerun::{
-    ChunkStore, ChunkStoreConfig, ComponentDescriptor, LineStrips2D, RecordingStream, Scalars, StoreKind, TextDocument,
-    TimelineName,
-};
+use ::rerun::{LineStrips2D, RecordingStream, Scalars, TextDocument, TimelineName};
 use nalgebra::Point2;
 use std::collections::BTreeMap;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -94,47 +91,48 @@ pub struct RecordedResult {
     pub is_smoothed: bool,
 }
 
-/// A run, read back.
+/// A run, read back. Its log stays in the file and is read from there.
 #[derive(Debug)]
 pub struct RecordedRun {
-    name: String,
-    store: ChunkStore,
-    entries: Arc<[LogEntry]>,
-    /// Version of the program that recorded it.
-    pub version: String,
-    /// What it was started with.
-    pub info: RunInfo,
+    store: Store,
+    /// Where the frames of the log begin in the file.
+    places: Arc<[u64]>,
+    /// Entries of its log.
+    pub entries: u64,
     /// Its steps, in their order.
     pub steps: Vec<RecordedStep>,
     /// Its result; none where the recording breaks off before.
     pub result: Option<RecordedResult>,
+    /// Positions of the final trajectory, one for each laser and odometry reading \[m\]; rounded to f32, and empty where
+    /// the recording breaks off.
+    pub trajectory: Vec<Point2<f64>>,
 }
 
-impl RecordedRun {
-    /// Reads a recording.
+/// A recording, of whatever kind the run is. What it holds stays in the file.
+#[derive(Debug)]
+pub struct Store {
+    path: PathBuf,
+    /// Version of the program that recorded it.
+    pub version: String,
+    /// What it was started with.
+    pub info: RunInfo,
+}
+
+impl Store {
+    /// Opens a recording.
     ///
     /// # Errors
     /// The file cannot be opened, is no recording, or one that does not tell how the run was made.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let open = |source| ReadError::Open { path: path.to_owned(), source };
         let not = |reason: &str| ReadError::NotARecording { path: path.to_owned(), reason: reason.to_owned() };
-        let mut file = std::fs::File::open(path).map_err(open)?;
-        if file.metadata().map_err(open)?.is_dir() {
-            return Err(open(std::io::ErrorKind::IsADirectory.into()));
+        let mut about = None;
+        for chunk in Chunks::open(path)? {
+            about = text(&chunk?.1, blueprint::ABOUT);
+            if about.is_some() {
+                break;
+            }
         }
-        let WholeFrames { bytes, damage } = whole_frames(&mut file).map_err(open)?;
-        let stores = ChunkStore::from_rrd_reader(&ChunkStoreConfig::ALL_DISABLED, &mut file.take(bytes))
-            .map_err(|error| not(&format!("{error:#}")))?;
-        let recordings = stores.into_iter().filter(|(id, _)| id.kind() == StoreKind::Recording);
-        let mut recordings: Vec<ChunkStore> = recordings.map(|(_, store)| store).collect();
-        let nothing = damage.unwrap_or_else(|| "it holds no recording".to_owned());
-        let store = recordings.pop().ok_or_else(|| not(&nothing))?;
-        if !recordings.is_empty() {
-            return Err(not("it holds several recordings"));
-        }
-
-        let columns = Columns(&store);
-        let about = columns.text(blueprint::ABOUT).ok_or_else(|| not("it does not tell how the run was made"))?;
+        let about = about.ok_or_else(|| not("it does not tell how the run was made"))?;
         let About { version, log, device, configuration: config } =
             toml::from_str(&about).map_err(|error| not(&format!("its configuration is not understood: {error}")))?;
         let unusable = |source| ReadError::Configuration {
@@ -143,193 +141,185 @@ impl RecordedRun {
             source: Box::new(source),
         };
         config.validate().map_err(unusable)?;
-        let entries = columns.entries().ok_or_else(|| not("its log is damaged"))?.into();
-        let (steps, result) = (columns.steps(), columns.result());
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { name, store, entries, version, info: RunInfo { log, device, config }, steps, result })
+        Ok(Self { path: path.to_owned(), version, info: RunInfo { log, device, config } })
     }
 
-    /// Entries of the log.
-    pub fn entries(&self) -> &[LogEntry] {
-        &self.entries
+    /// Name of the file, without its ending.
+    pub fn name(&self) -> String {
+        self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
     }
 
-    /// Positions of the final trajectory, one for each laser and odometry reading \[m\]; rounded to f32, and empty where
-    /// the recording breaks off.
-    pub fn trajectory(&self) -> Vec<Point2<f64>> {
-        let component = LineStrips2D::descriptor_strips().component;
-        let of_chunk = |chunk: &Arc<Chunk>| {
-            let strips = chunk.iter_component::<LineStrip2D>(component).next()?;
-            let corners = strips.as_slice().first()?.0.iter();
-            Some(corners.map(|corner| Point2::new(f64::from(corner.x()), f64::from(corner.y()))).collect())
-        };
-        let chunks = Columns(&self.store);
-        let mut chunks = chunks.chunks(blueprint::TRAJECTORY).filter(|chunk| !chunk.is_static());
-        chunks.find_map(of_chunk).unwrap_or_default()
+    pub(super) fn not(&self, reason: &str) -> ReadError {
+        ReadError::NotARecording { path: self.path.clone(), reason: reason.to_owned() }
+    }
+
+    pub(super) fn chunks(&self) -> Result<Chunks, ReadError> {
+        Chunks::open(&self.path)
     }
 
     /// Sends everything that belongs to a step to another recording, with paths that lie under `root`.
-    pub(super) fn send(&self, stream: &RecordingStream, root: &str) {
-        let shown = |chunk: &&Arc<Chunk>| {
+    pub(super) fn send(&self, stream: &RecordingStream, root: &str) -> Result<(), ReadError> {
+        for chunk in self.chunks()? {
+            let (_, chunk) = chunk?;
             let path = chunk.entity_path().to_string();
-            !chunk.is_static() && ["/world", "/plots"].iter().any(|shown| path.starts_with(shown))
-        };
-        for chunk in self.store.iter_physical_chunks().filter(shown) {
-            let path = blueprint::under(root, chunk.entity_path().to_string().trim_start_matches('/'));
-            stream.send_chunk(chunk.clone_with_new_entity_path(path.into()));
+            if !chunk.is_static() && ["/world", "/plots"].iter().any(|shown| path.starts_with(shown)) {
+                let path = blueprint::under(root, path.trim_start_matches('/'));
+                stream.send_chunk(chunk.clone_with_new_entity_path(path.into()));
+            }
         }
+        Ok(())
+    }
+}
+
+impl RecordedRun {
+    /// Reads a recording.
+    ///
+    /// # Errors
+    /// Those of [`Store::open`], and of [`RecordedRun::new`].
+    pub fn open(path: &Path) -> Result<Self, ReadError> {
+        Self::new(Store::open(path)?)
+    }
+
+    /// Reads what a file holds.
+    ///
+    /// # Errors
+    /// It cannot be read, or is damaged.
+    pub fn new(store: Store) -> Result<Self, ReadError> {
+        let mut trajectory = None;
+        let (mut entries, mut numbers) = (Entries::default(), Numbers::new(&NUMBERS));
+        let mut places = Vec::new();
+        for chunk in store.chunks()? {
+            let (place, chunk) = chunk?;
+            if entries.add(&chunk).ok_or_else(|| store.not("its log is damaged"))? {
+                places.push(place);
+            }
+            while entries.pop().is_some() {}
+            numbers.add(&chunk);
+            trajectory = trajectory.or_else(|| positions(&chunk, blueprint::TRAJECTORY));
+        }
+        Ok(Self {
+            store,
+            places: places.into(),
+            entries: entries.count(),
+            steps: steps(&numbers),
+            result: result(&numbers),
+            trajectory: trajectory.unwrap_or_default(),
+        })
+    }
+
+    /// What the file is, and how the run was made.
+    pub fn store(&self) -> &Store {
+        &self.store
     }
 }
 
 impl LogSource for RecordedRun {
     fn name(&self) -> String {
-        self.name.clone()
+        self.store.name()
     }
 
     fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
-        Ok(Box::new(RecordedReader { entries: Arc::clone(&self.entries), stats: LogStats::default() }))
+        let path = self.store.path.clone();
+        let open_error = |error| LogError::Open { path: path.clone(), source: std::io::Error::other(error) };
+        let chunks = Chunks::open(&path).map_err(open_error)?.at(Arc::clone(&self.places));
+        let (entries, stats) = (Entries::default(), LogStats::default());
+        Ok(Box::new(RecordedReader { path, chunks, entries, stats, all: self.entries }))
     }
 }
 
-/// The entries of a recorded log.
-struct RecordedReader {
-    entries: Arc<[LogEntry]>,
-    /// Its lines are the entries that were handed out.
-    stats: LogStats,
+/// The text that a chunk holds, if it is of this path.
+pub(super) fn text(chunk: &Chunk, path: &str) -> Option<String> {
+    if *chunk.entity_path() != path.into() {
+        return None;
+    }
+    let texts = chunk.iter_component::<Text>(TextDocument::descriptor_text().component).next()?;
+    texts.as_slice().first().map(|text| text.as_str().to_owned())
 }
 
-impl Iterator for RecordedReader {
-    type Item = Result<LogEntry, LogError>;
+/// The corners of the first line that a chunk holds, if it is of this path.
+fn positions(chunk: &Chunk, path: &str) -> Option<Vec<Point2<f64>>> {
+    if chunk.is_static() || *chunk.entity_path() != path.into() {
+        return None;
+    }
+    let strips = chunk.iter_component::<LineStrip2D>(LineStrips2D::descriptor_strips().component).next()?;
+    let corners = strips.as_slice().first()?.0.iter();
+    Some(corners.map(|corner| Point2::new(f64::from(corner.x()), f64::from(corner.y()))).collect())
+}
 
-    fn next(&mut self) -> Option<Self::Item> {
-        let entry = self.entries.get(self.stats.lines as usize)?.clone();
-        self.stats.lines += 1;
-        match entry {
-            LogEntry::Laser(_) => self.stats.laser += 1,
-            LogEntry::Odometry { .. } => self.stats.odometry += 1,
-            LogEntry::Truth { .. } => {}
+/// The rows of numbers that a chunk holds, each with its time on a timeline.
+pub(super) fn rows(chunk: &Chunk, timeline: &'static str) -> Vec<(i64, Vec<f64>)> {
+    let component = Scalars::descriptor_scalars().component;
+    let times = chunk.iter_component_indices(TimelineName::from(timeline), component);
+    let numbers = chunk.iter_component::<Scalar>(component);
+    let row = |numbers: &[Scalar]| numbers.iter().map(|number| number.0.0).collect();
+    times.zip(numbers).map(|((time, _), numbers)| (time.as_i64(), row(numbers.as_slice()))).collect()
+}
+
+/// Rows of numbers, by path and then by time.
+pub(super) struct Numbers {
+    /// Paths to keep, each with the timeline of its rows.
+    paths: &'static [(&'static str, &'static str)],
+    rows: BTreeMap<&'static str, BTreeMap<i64, Vec<f64>>>,
+}
+
+impl Numbers {
+    pub(super) const fn new(paths: &'static [(&'static str, &'static str)]) -> Self {
+        Self { paths, rows: BTreeMap::new() }
+    }
+
+    /// Keeps what a chunk holds of these paths.
+    pub(super) fn add(&mut self, chunk: &Chunk) {
+        let is_of = |(path, _): &&(&str, &str)| *chunk.entity_path() == (*path).into();
+        if let Some((path, timeline)) = self.paths.iter().find(is_of)
+            && !chunk.is_static()
+        {
+            self.rows.entry(path).or_default().extend(rows(chunk, timeline));
         }
-        Some(Ok(entry))
+    }
+
+    /// The rows of a path, in the order of their times.
+    pub(super) fn rows<'a>(&'a self, path: &str) -> impl DoubleEndedIterator<Item = (i64, &'a [f64])> + use<'a> {
+        self.rows.get(path).into_iter().flatten().map(|(&time, row)| (time, row.as_slice()))
+    }
+
+    fn at(&self, path: &str, time: i64) -> Option<&[f64]> {
+        self.rows.get(path)?.get(&time).map(Vec::as_slice)
     }
 }
 
-impl LogReader for RecordedReader {
-    fn stats(&self) -> &LogStats {
-        &self.stats
-    }
+/// The numbers that are recorded of each step of a run.
+const NUMBERS: [(&str, &str); 6] = [
+    (blueprint::POSE, blueprint::STEP_TIMELINE),
+    (blueprint::CHECKSUM, blueprint::STEP_TIMELINE),
+    (blueprint::EFFECTIVE_SAMPLE_SIZE, blueprint::STEP_TIMELINE),
+    (blueprint::CLUSTERS, blueprint::STEP_TIMELINE),
+    (blueprint::SECONDS, blueprint::STEP_TIMELINE),
+    (blueprint::RESULT, blueprint::STEP_TIMELINE),
+];
 
-    fn progress(&self) -> Option<(u64, u64)> {
-        Some((self.stats.lines, self.entries.len() as u64))
-    }
+fn steps(numbers: &Numbers) -> Vec<RecordedStep> {
+    let step = |(step, pose): (i64, &[f64])| {
+        let &[x, y, heading] = pose.as_array()?;
+        Some(RecordedStep {
+            step: step as u32,
+            world_from_robot: exactly(x, y, heading),
+            checksum: *numbers.at(blueprint::CHECKSUM, step)?.first()? as u32,
+            effective_sample_size: *numbers.at(blueprint::EFFECTIVE_SAMPLE_SIZE, step)?.first()?,
+            clusters: *numbers.at(blueprint::CLUSTERS, step)?.first()? as usize,
+            times: StageTimes::from_seconds(numbers.at(blueprint::SECONDS, step)?.try_into().ok()?),
+        })
+    };
+    // The last step may have been written in part.
+    numbers.rows(blueprint::POSE).map_while(step).collect()
 }
 
-/// What the paths of a recording hold.
-struct Columns<'a>(&'a ChunkStore);
-
-impl Columns<'_> {
-    fn chunks(&self, path: &str) -> impl Iterator<Item = &Arc<Chunk>> {
-        let path = path.into();
-        self.0.iter_physical_chunks().filter(move |chunk| chunk.entity_path() == &path)
-    }
-
-    fn text(&self, path: &str) -> Option<String> {
-        let component = TextDocument::descriptor_text().component;
-        let of_chunk = |chunk: &Arc<Chunk>| {
-            let texts = chunk.iter_component::<Text>(component).next()?;
-            texts.as_slice().first().map(|text| text.as_str().to_owned())
-        };
-        self.chunks(path).find_map(of_chunk)
-    }
-
-    /// Rows of numbers, by their time on a timeline.
-    fn rows(&self, path: &str, timeline: &'static str) -> BTreeMap<i64, Vec<f64>> {
-        let ComponentDescriptor { component, .. } = Scalars::descriptor_scalars();
-        let mut rows = BTreeMap::new();
-        for chunk in self.chunks(path).filter(|chunk| !chunk.is_static()) {
-            let times = chunk.iter_component_indices(TimelineName::from(timeline), component);
-            let numbers = chunk.iter_component::<Scalar>(component);
-            for ((time, _), numbers) in times.zip(numbers) {
-                rows.insert(time.as_i64(), numbers.as_slice().iter().map(|number| number.0.0).collect());
-            }
-        }
-        rows
-    }
-
-    /// The log. `None` where a row has another length than it can have.
-    fn entries(&self) -> Option<Vec<LogEntry>> {
-        let mut entries: BTreeMap<i64, LogEntry> = BTreeMap::new();
-        for (entry, row) in self.rows(blueprint::LASER, blueprint::ENTRY_TIMELINE) {
-            let (
-                &[
-                    x,
-                    y,
-                    heading,
-                    stamp,
-                    ahead,
-                    left,
-                    turned,
-                    first_angle,
-                    angle_step,
-                    max_range,
-                    forward,
-                    sideways,
-                    turn,
-                ],
-                ranges,
-            ) = row.split_first_chunk::<13>()?;
-            let reading = LaserReading {
-                stamp,
-                odom_from_robot: exactly(x, y, heading),
-                robot_from_laser: exactly(ahead, left, turned),
-                start_from_end: exactly(forward, sideways, turn),
-                first_angle,
-                angle_step,
-                max_range,
-                ranges: ranges.to_vec(),
-            };
-            entries.insert(entry, LogEntry::Laser(reading));
-        }
-        for (entry, row) in self.rows(blueprint::ODOMETRY_READING, blueprint::ENTRY_TIMELINE) {
-            let [x, y, heading, stamp] = row.try_into().ok()?;
-            entries.insert(entry, LogEntry::Odometry { stamp, odom_from_robot: exactly(x, y, heading) });
-        }
-        for (entry, row) in self.rows(blueprint::TRUTH, blueprint::ENTRY_TIMELINE) {
-            let [x, y, heading, stamp] = row.try_into().ok()?;
-            entries.insert(entry, LogEntry::Truth { stamp, world_from_robot: exactly(x, y, heading) });
-        }
-        // What follows a gap came after something that is lost.
-        let whole = (0..).zip(entries).take_while(|(number, (entry, _))| number == entry);
-        Some(whole.map(|(_, (_, entry))| entry).collect())
-    }
-
-    fn steps(&self) -> Vec<RecordedStep> {
-        let rows = |path| self.rows(path, blueprint::STEP_TIMELINE);
-        let [checksums, sizes, clusters, seconds] =
-            [blueprint::CHECKSUM, blueprint::EFFECTIVE_SAMPLE_SIZE, blueprint::CLUSTERS, blueprint::SECONDS].map(rows);
-        let step = |(step, pose): (i64, Vec<f64>)| {
-            let [x, y, heading] = pose.try_into().ok()?;
-            let seconds = seconds.get(&step)?.as_slice().try_into().ok()?;
-            Some(RecordedStep {
-                step: step as u32,
-                world_from_robot: exactly(x, y, heading),
-                checksum: *checksums.get(&step)?.first()? as u32,
-                effective_sample_size: *sizes.get(&step)?.first()?,
-                clusters: *clusters.get(&step)?.first()? as usize,
-                times: StageTimes::from_seconds(seconds),
-            })
-        };
-        // The last step may have been written in part.
-        rows(blueprint::POSE).into_iter().map_while(step).collect()
-    }
-
-    fn result(&self) -> Option<RecordedResult> {
-        let (_, row) = self.rows(blueprint::RESULT, blueprint::STEP_TIMELINE).pop_last()?;
-        let [checksum, is_smoothed] = row.try_into().ok()?;
-        Some(RecordedResult { checksum: checksum as u32, is_smoothed: is_smoothed == 1.0 })
-    }
+fn result(numbers: &Numbers) -> Option<RecordedResult> {
+    let (_, row) = numbers.rows(blueprint::RESULT).next_back()?;
+    let &[checksum, is_smoothed] = row.as_array()?;
+    Some(RecordedResult { checksum: checksum as u32, is_smoothed: is_smoothed == 1.0 })
 }
 
 /// A pose as it was: its heading is not wrapped again.
-fn exactly(x: f64, y: f64, heading: f64) -> Pose {
+pub(super) fn exactly(x: f64, y: f64, heading: f64) -> Pose {
     Pose { x, y, heading }
 }

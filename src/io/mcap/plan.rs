@@ -1,0 +1,109 @@
+//! Which topics of a bag make the log, and how its lasers are mounted.
+
+use super::Topics;
+use super::frames::{Frames, Mounting};
+use super::messages::{LASER_SCAN, ODOMETRY, TRANSFORMS};
+use super::survey::Survey;
+use super::topics::{SeenTopics, Topic};
+use super::transforms::Repeated;
+use std::collections::BTreeMap;
+
+/// Where the entries of a log are to be found in a bag.
+#[derive(Debug)]
+pub(super) struct Plan {
+    pub(super) scan_topic: String,
+    pub(super) odometry: OdometrySource,
+    /// Of each frame that scans come from; `None` where the bag does not tell.
+    pub(super) mountings: BTreeMap<String, Option<Mounting>>,
+    /// Stamps of scans and odometry are those of clocks that differ by so much \[ns\], or of none: the times at which messages
+    /// were received count in their place.
+    pub(super) clocks_differ: Option<i64>,
+}
+
+#[derive(Debug)]
+pub(super) enum OdometrySource {
+    /// Messages of type [`ODOMETRY`].
+    Messages { topic: String },
+    /// Transforms between two frames, on any topic that is not static; this is one of them.
+    Transforms { topic: String, odom: String, robot: String },
+    /// The bag has none.
+    Nowhere,
+}
+
+impl OdometrySource {
+    fn topic(&self) -> Option<&str> {
+        match self {
+            Self::Messages { topic } | Self::Transforms { topic, .. } => Some(topic),
+            Self::Nowhere => None,
+        }
+    }
+}
+
+/// Chooses among the topics of a bag; `Err` tells why they cannot be chosen.
+pub(super) fn plan(seen: &Survey, wanted: &Topics) -> Result<Plan, String> {
+    let scan_topic = scan_topic(&seen.topics, wanted.scan.as_deref())?;
+    let fixed = seen.transforms.fixed();
+    let scans = seen.topics.get(scan_topic);
+    let laser = scans.map_or("", Topic::frame);
+    let odometry = odometry(seen, wanted.odometry.as_deref(), laser, &fixed)?;
+    if let OdometrySource::Messages { topic } = &odometry
+        && (wanted.scan.is_none() || wanted.odometry.is_none())
+    {
+        of_one_robot(&seen.topics, scan_topic, topic)?;
+    }
+    let odometry_topic = odometry.topic().and_then(|topic| seen.topics.get(topic));
+    // Odometry that does not name its robot is of the one that carries the laser.
+    let root = fixed.root(laser).map_or(laser, |(root, _)| root);
+    let robot = match &odometry {
+        OdometrySource::Messages { .. } => odometry_topic.map(Topic::frame).filter(|frame| !frame.is_empty()),
+        OdometrySource::Transforms { robot, .. } => Some(robot.as_str()),
+        OdometrySource::Nowhere => None,
+    };
+    let mut mountings = BTreeMap::new();
+    for laser in scans.map(|topic| &topic.frames).into_iter().flatten() {
+        mountings.insert(laser.clone(), fixed.mounting(robot.unwrap_or(root), laser)?);
+    }
+    let clocks_differ =
+        scans.zip(odometry_topic).and_then(|(scans, odometry)| scans.clock.differs_from(&odometry.clock));
+    Ok(Plan { scan_topic: scan_topic.to_owned(), odometry, mountings, clocks_differ })
+}
+
+fn scan_topic<'a>(topics: &'a SeenTopics, named: Option<&str>) -> Result<&'a str, String> {
+    const OPTION: &str = "--scan-topic";
+    match named {
+        Some(named) => topics.named(named, &[LASER_SCAN], OPTION),
+        None => topics
+            .only(LASER_SCAN, "scans of several lasers", OPTION)?
+            .ok_or_else(|| format!("no message of type {LASER_SCAN} in this bag; {}", topics.all())),
+    }
+}
+
+fn odometry(seen: &Survey, named: Option<&str>, laser: &str, fixed: &Frames) -> Result<OdometrySource, String> {
+    const OPTION: &str = "--odom-topic";
+    let topic = match named {
+        Some(named) => Some(seen.topics.named(named, &[ODOMETRY, TRANSFORMS], OPTION)?),
+        None => seen.topics.only(ODOMETRY, "odometry from several sources", OPTION)?,
+    };
+    if let Some(topic) = topic
+        && seen.topics.get(topic).is_some_and(|found| found.schema == ODOMETRY)
+    {
+        return Ok(OdometrySource::Messages { topic: topic.to_owned() });
+    }
+    Ok(match seen.transforms.odometry(topic, laser, fixed)?.cloned() {
+        Some(Repeated { topic, parent: odom, child: robot }) => OdometrySource::Transforms { topic, odom, robot },
+        None => OdometrySource::Nowhere,
+    })
+}
+
+/// Scans and odometry of two name spaces may be of two robots.
+fn of_one_robot(topics: &SeenTopics, scan: &str, odometry: &str) -> Result<(), String> {
+    let space = |topic: &str| topic.trim_start_matches('/').split_once('/').map(|(space, _)| space.to_owned());
+    match (space(scan), space(odometry)) {
+        (Some(of_scan), Some(of_odometry)) if of_scan != of_odometry => Err(format!(
+            "the scans on {scan:.100} and the odometry on {odometry:.100} may be of two robots: name both by --scan-topic and \
+             --odom-topic; {}",
+            topics.all()
+        )),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,96 @@
+//! What comes out.
+
+use super::estimate::Landmark;
+use super::history::History;
+use super::verdict::Verdict;
+use crate::geometry::{Pose, StampedPose};
+use crate::report::Bits;
+use nalgebra::Matrix3;
+
+/// A weight of the E step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weight {
+    /// Number of the frame in the recording.
+    pub frame: usize,
+    /// Number of the detection in the frame.
+    pub detection: usize,
+    /// Number of the landmark in the map.
+    pub landmark: usize,
+    /// Probability that the one shows the other.
+    pub weight: f64,
+}
+
+/// One of the runs that the objective chose from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RunScore {
+    /// Density of new landmarks \[1/(m rad)\].
+    pub new_density: f64,
+    /// The objective \[nats\].
+    pub objective: f64,
+    /// How many landmarks it has.
+    pub landmarks: usize,
+}
+
+/// A moment of the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mapped {
+    /// Seconds.
+    pub stamp: f64,
+    /// `world_from_robot`.
+    pub pose: Pose,
+    /// Covariance of the pose in its own frame: forward, sideways \[m\], turn \[rad\]; as seen from the first pose.
+    pub covariance: Matrix3<f64>,
+    /// Number of the frame in the recording; none where nothing was seen.
+    pub frame: Option<usize>,
+}
+
+/// A recording, mapped.
+#[derive(Clone, Debug)]
+pub struct SemanticMap {
+    /// The moments whose pose was estimated.
+    pub keyframes: Vec<Mapped>,
+    /// The map.
+    pub landmarks: Vec<Landmark>,
+    /// Weights of at least 0.02, frame by frame.
+    pub weights: Vec<Weight>,
+    /// Forward scale, turn scale, curvature \[rad/m\] of the odometry.
+    pub calibration: [f64; 3],
+    /// How often a landmark in view is detected.
+    pub detection_probability: f64,
+    /// The objective \[nats\].
+    pub objective: f64,
+    /// All runs, in the order of [`NEW_DENSITIES`](super::NEW_DENSITIES); none where the associations were known.
+    pub runs: Vec<RunScore>,
+    /// How many detections were used.
+    pub detections: usize,
+    /// Whether the map can be believed.
+    pub verdict: Verdict,
+    /// How the run came about that the objective chose.
+    pub history: History,
+}
+
+impl SemanticMap {
+    /// The path.
+    pub fn trajectory(&self) -> Vec<StampedPose> {
+        self.keyframes.iter().map(|&Mapped { stamp, pose, .. }| StampedPose { stamp, pose }).collect()
+    }
+
+    /// A number that changes with any bit of path, landmarks, weights, calibration or objective.
+    pub fn checksum(&self) -> u32 {
+        let mut bits = Bits::default();
+        for keyframe in &self.keyframes {
+            bits.pose(keyframe.pose);
+            bits.add([keyframe.stamp]);
+            bits.add(keyframe.covariance.iter().copied());
+        }
+        for landmark in &self.landmarks {
+            landmark.add_to(&mut bits);
+        }
+        for Weight { frame, detection, landmark, weight } in &self.weights {
+            bits.add([*frame as f64, *detection as f64, *landmark as f64, *weight]);
+        }
+        bits.add(self.calibration);
+        bits.add([self.detection_probability, self.objective]);
+        bits.finish()
+    }
+}

@@ -1,0 +1,68 @@
+//! Online: a window of keyframes is estimated at once, and what leaves it stays as it is.
+//!
+//! The forward pass is online anyway. Behind it, whenever half a window is new, E and M steps go over the window. All that
+//! is older is summed up by the filter of the likeliest hypothesis as it was where the window begins: a Gaussian of pose,
+//! calibration and landmarks together. Older poses are so marginalised and not fixed: a robot that comes back to old
+//! landmarks still moves the poses of the window and the landmarks, as far as both are in doubt. Only older poses do not move
+//! any more. A step takes a bounded time, and a pose is final half a window to one window after it was driven.
+//!
+//! When the recording is over, one more E step weighs all detections by the path and the map that were found.
+
+use super::beam::Beam;
+use super::estimate::Estimate;
+use super::history::{History, Sweep};
+use super::keyframes::Keyframe;
+use super::{MIN_LANDMARK_WEIGHT, Mapping, Run, SemanticError};
+use crate::geometry::Pose;
+use nalgebra::Matrix3;
+
+/// Goes through all keyframes once.
+pub fn run(mapping: &Mapping<'_>, mut beam: Beam<'_>) -> Result<Run, SemanticError> {
+    let half = (mapping.config.window / 2).max(1);
+    let all = mapping.keyframes;
+    let mut path: Vec<(Pose, Matrix3<f64>)> = Vec::with_capacity(all.len());
+    let mut last: Option<Estimate> = None;
+    for first in (0..all.len()).step_by(half) {
+        let end = (first + half).min(all.len());
+        for keyframe in &all[first..end] {
+            beam.advance(keyframe);
+            mapping.progress.advance();
+        }
+        beam.keep_states();
+        // The last keyframe before the window: what it saw is in its state already.
+        let boundary = first.checked_sub(half + 1);
+        let mut window: Vec<Keyframe> = all[boundary.unwrap_or(0)..end].to_vec();
+        let before = boundary.and_then(|_| beam.state(window.len() - 1));
+        if before.is_some() {
+            window[0].seen.clear();
+        }
+        let found = estimate(&Mapping { keyframes: &window, before, ..*mapping }, &beam)?;
+        let own = usize::from(before.is_some());
+        path.truncate(end + own - window.len());
+        path.extend(found.0.poses.iter().copied().zip(found.1).skip(own));
+        last = Some(found.0);
+    }
+    let mut estimate = last.ok_or(SemanticError::NothingSeen)?;
+    let (poses, covariances): (Vec<_>, Vec<_>) = path.into_iter().unzip();
+    estimate.poses = poses;
+    mapping.expect(&mut estimate, 1.0);
+    let light: Vec<bool> = estimate.landmarks.iter().map(|landmark| landmark.weight < MIN_LANDMARK_WEIGHT).collect();
+    estimate.retain_landmarks(|place| !light[place]);
+    let objective = mapping.objective(&estimate);
+    let sweeps = vec![Sweep::new(&estimate, objective)];
+    Ok(Run { estimate, objective, history: History { candidates: beam.candidates, sweeps }, covariances })
+}
+
+/// E and M steps over a window, and the covariances of its poses.
+fn estimate(window: &Mapping<'_>, beam: &Beam<'_>) -> Result<(Estimate, Vec<Matrix3<f64>>), SemanticError> {
+    let mut pass = beam.pass(window.keyframes);
+    if let (Some(before), Some(seen)) = (window.before, pass.assignments.first_mut()) {
+        seen.clear();
+        for known in &before.landmarks {
+            pass.landmarks.entry(known.id).or_insert(known.position);
+        }
+    }
+    let mut estimate = window.sweeps(pass, |_| ())?;
+    let covariances = window.covariances(&mut estimate)?;
+    Ok((estimate, covariances))
+}
