@@ -169,6 +169,7 @@ impl SlamConfig {
             explained::<MatchingConfig>("matching"),
             explained::<MergingConfig>("merging"),
             explained::<FilterConfig>("filter"),
+            explained::<LoopConfig>("loops"),
             explained::<SmoothingConfig>("smoothing"),
             explained::<AblationConfig>("ablation"),
         ];
