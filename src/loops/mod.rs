@@ -184,26 +184,14 @@ impl Loops {
         }
         self.searched = way;
         let window = self.drive.window(path.len() - 1, &self.config.loops)?;
-        let (found, is_alone) = self.search(window, path, evaluator)?;
+        let found = self.search(window, path, evaluator)?;
         let new = Tie::new(found.world_from_robot, path, window);
-        let bent = self.bend(path, &new, evaluator)?;
-        let is_likely = bent.gain > 0.0 || self.is_confirmed(&new, path);
-        let is_closed = is_alone && (bent.cost <= DRIFT || is_likely && bent.cost <= FAILURE);
-        if std::env::var("LOOPS").is_ok() {
-            eprintln!(
-                "Q {:.1} alone {is_alone} cost {:.2} gain {:.2} conf {} explained {:.2}",
-                self.drive.keyframes[new.newer].stamp,
-                bent.cost,
-                bent.gain,
-                self.is_confirmed(&new, path),
-                found.explained
-            );
-        }
+        let hypothesis = self.bend(path, &new, evaluator);
+        let is_closed = hypothesis.as_ref().is_some_and(|Hypothesis { cost, gain, .. }| {
+            let is_likely = *gain > 0.0 || self.is_confirmed(&new, path);
+            *cost <= DRIFT || is_likely && *cost <= FAILURE
+        });
         self.pending = (!is_closed).then_some(new);
-        // Of places that look alike, at most one is right.
-        if !is_alone {
-            return None;
-        }
         let [older, step] = [new.older, new.newer];
         self.found.push(Loop {
             stamp: self.drive.keyframes[step].stamp,
@@ -215,12 +203,12 @@ impl Loops {
             explained: found.explained,
             is_closed,
         });
-        is_closed.then(|| remade(&self.drive.keyframes, &bent.path, &self.config))
+        hypothesis.filter(|_| is_closed).map(|bent| remade(&self.drive.keyframes, &bent.path, &self.config))
     }
 
-    /// Another place of the older map than where the robot is thought to be that explains the window, and whether it is the only
-    /// one of its kind.
-    fn search(&mut self, window: Window, path: &[Pose], evaluator: &mut Failover) -> Option<(Found, bool)> {
+    /// The place of the older map that explains the window, if it is the only one of its kind and another one than where the robot
+    /// is thought to be.
+    fn search(&mut self, window: Window, path: &[Pose], evaluator: &mut Failover) -> Option<Found> {
         let robot = path[window.last];
         self.older.follow(&self.drive.keyframes[..window.older], &path[..window.older], &self.config);
         let query = self.drive.query(window, path, &self.config)?;
@@ -232,14 +220,18 @@ impl Loops {
         let places = self.older.search(&query, evaluator);
         let found = *places.first().filter(|first| is_found(first) && !is_here(first))?;
         let is_alone = places.get(1).is_none_or(|second| second.explained < ALONE * found.explained);
-        Some((found, is_alone))
+        is_alone.then_some(found)
     }
 
-    /// The path that closes this loop, and what speaks for it.
+    /// The path that closes this loop, and what speaks for it; `None` where it is beyond all reason.
     fn bend(&self, path: &[Pose], new: &Tie, evaluator: &mut Failover) -> Option<Hypothesis> {
         let keyframes = &self.drive.keyframes;
         let motions: Vec<Pose> =
             (0..path.len()).map(|step| path[step].seen_from(path[step.saturating_sub(1)])).collect();
+        // Other ties make it cost more.
+        if bent(keyframes, &motions, path, &[], new)?.cost > FAILURE {
+            return None;
+        }
         let before = agreement(&self.drive, path, &self.config, evaluator);
         let held: Vec<Tie> = before.ties.into_iter().filter(|tie| tie.holds(path)).collect();
         let mut ties = held.clone();
