@@ -37,8 +37,9 @@ pub(super) struct Bent {
 
 /// The first pose stays \[m, m, rad\].
 const ORIGIN: [f64; 3] = [1e-3; 3];
-/// How well two scans of one place tell where one was from the other, forward, sideways, heading \[m, m, rad\].
-const TIE: [f64; 3] = [0.05, 0.05, 0.01];
+/// How well a window tells where its last step was from an older one, forward, sideways, heading \[m, m, rad\]: on drives with a
+/// reference, 84 % of the loops that were found were within 0.15 m and 0.04 rad of it.
+const TIE: [f64; 3] = [0.1, 0.1, 0.03];
 /// The least error of a motion from step to step, of any kind.
 const MOTION: [f64; 3] = [0.01, 0.01, 0.003];
 /// Motions whose squared distance from odometry, in units of the usual one, is this are as likely wrong as not.
@@ -135,8 +136,8 @@ mod tests {
         let (keyframes, motions) = corridor();
         let exact = bend(&keyframes, &motions, Pose::new(10.0, 0.0, 0.0));
         assert!(exact.cost < 1e-9, "{}", exact.cost);
-        // 20 motions and two tied scans of 1 cm and 5 cm: √(20 · 1² + 5²) = 6.7 cm along the corridor.
-        let near = bend(&keyframes, &motions, Pose::new(10.067, 0.0, 0.0));
+        // 20 motions of 1 cm and a tie of 10 cm: √(20 · 1² + 10²) = 10.95 cm along the corridor.
+        let near = bend(&keyframes, &motions, Pose::new(10.1095, 0.0, 0.0));
         assert!((near.cost - 0.5).abs() < 0.05, "{}", near.cost);
         let far = bend(&keyframes, &motions, Pose::new(12.0, 0.0, 0.0));
         assert!(far.cost > 100.0, "{}", far.cost);
