@@ -68,9 +68,7 @@ pub(super) struct Records {
     pub(super) all: u64,
     schemas: BTreeMap<u16, String>,
     channels: BTreeMap<u16, Arc<Channel>>,
-    /// The chunk that is being read, unpacked, and how much of it was read.
-    chunk: Vec<u8>,
-    chunk_consumed: usize,
+    chunk: Chunk,
 }
 
 impl Records {
@@ -94,8 +92,7 @@ impl Records {
             all,
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
-            chunk: Vec::new(),
-            chunk_consumed: 0,
+            chunk: Chunk::default(),
         })
     }
 
@@ -133,18 +130,15 @@ impl Records {
 
     /// The next record of the chunk; `None` where none is left, `Some(None)` where it is nothing to hand out.
     fn next_in_chunk(&mut self) -> Option<Option<Next>> {
-        let left = self.chunk.get(self.chunk_consumed..).filter(|left| !left.is_empty())?;
-        let mut fields = Fields(left);
-        let record = fields.number().and_then(|opcode: [u8; 1]| {
+        let record = self.chunk.next(|fields| {
+            let opcode: [u8; 1] = fields.number()?;
             let length = u64::from_le_bytes(fields.number()?);
             Some((opcode[0], fields.bytes(usize::try_from(length).ok()?)?.to_vec()))
-        });
-        self.chunk_consumed = self.chunk.len() - fields.0.len();
-        let Some((opcode, body)) = record else {
-            self.chunk.clear();
-            return Some(Some(Next::Damage("the last record of a chunk is cut".to_owned())));
-        };
-        Some(self.understand(opcode, &body))
+        })?;
+        Some(match record {
+            Ok((opcode, body)) => self.understand(opcode, &body),
+            Err(damage) => Some(damage),
+        })
     }
 
     /// The next record outside of chunks; `None` where it is nothing to hand out.
@@ -175,17 +169,7 @@ impl Records {
         if opcode != CHUNK {
             return Ok(self.understand(opcode, &body));
         }
-        self.chunk_consumed = 0;
-        match unpack(&body) {
-            Ok(records) => {
-                self.chunk = records;
-                Ok(None)
-            }
-            Err(reason) => {
-                self.chunk.clear();
-                Ok(Some(Next::Damage(format!("the chunk at byte {start}: {reason}"))))
-            }
-        }
+        Ok(self.chunk.fill(start, unpack(&body)))
     }
 
     /// Keeps schemas and channels, and hands out messages.
@@ -282,6 +266,37 @@ fn unpack(body: &[u8]) -> Result<Vec<u8>, String> {
         Ok(length) if length as u64 != size => Err(format!("it has {length} of {size} bytes")),
         Ok(_) if crc != 0 && crc32(&records) != crc => Err("its checksum is wrong".to_owned()),
         Ok(_) => Ok(records),
+    }
+}
+
+/// The chunk that is being read, unpacked, and how much of it was read.
+#[derive(Debug, Default)]
+pub(super) struct Chunk {
+    records: Vec<u8>,
+    consumed: usize,
+}
+
+impl Chunk {
+    /// Begins with the chunk at this byte of the file; tells what is wrong with it where it could not be unpacked.
+    pub(super) fn fill(&mut self, start: u64, unpacked: Result<Vec<u8>, String>) -> Option<Next> {
+        let (records, damage) = match unpacked {
+            Ok(records) => (records, None),
+            Err(reason) => (Vec::new(), Some(Next::Damage(format!("the chunk at byte {start}: {reason}")))),
+        };
+        *self = Self { records, consumed: 0 };
+        damage
+    }
+
+    /// Reads the next record, or tells that it is cut, which ends the chunk; `None` where none is left.
+    pub(super) fn next<T>(&mut self, read: impl FnOnce(&mut Fields<'_>) -> Option<T>) -> Option<Result<T, Next>> {
+        let left = self.records.get(self.consumed..).filter(|left| !left.is_empty())?;
+        let mut fields = Fields(left);
+        let record = read(&mut fields);
+        self.consumed = self.records.len() - fields.0.len();
+        Some(record.ok_or_else(|| {
+            self.records.clear();
+            Next::Damage("the last record of a chunk is cut".to_owned())
+        }))
     }
 }
 

@@ -3,7 +3,7 @@
 //! Read are connections, messages and chunks (packed by bz2, lz4 or not at all), up to the end of the file; the index, which
 //! repeats what was read, is left out, so that a bag whose recorder died needs none.
 
-use super::records::{Channel, Fields, MAX_RECORD, Next, cut_off, limit, named_cut_off};
+use super::records::{Channel, Chunk, Fields, MAX_RECORD, Next, cut_off, limit, named_cut_off};
 use super::ros1::ros2_name;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -25,9 +25,7 @@ pub(super) struct Records {
     consumed: u64,
     pub(super) all: u64,
     channels: BTreeMap<u32, Arc<Channel>>,
-    /// The chunk that is being read, unpacked, and how much of it was read.
-    chunk: Vec<u8>,
-    chunk_consumed: usize,
+    chunk: Chunk,
 }
 
 impl Records {
@@ -41,7 +39,7 @@ impl Records {
             return Err(io::Error::new(ErrorKind::InvalidData, reason));
         }
         let consumed = MAGIC.len() as u64;
-        Ok(Self { file, consumed, all, channels: BTreeMap::new(), chunk: Vec::new(), chunk_consumed: 0 })
+        Ok(Self { file, consumed, all, channels: BTreeMap::new(), chunk: Chunk::default() })
     }
 
     /// Bytes that were read.
@@ -68,15 +66,11 @@ impl Records {
 
     /// The next record of the chunk; `None` where none is left, `Some(None)` where it is nothing to hand out.
     fn next_in_chunk(&mut self) -> Option<Option<Next>> {
-        let left = self.chunk.get(self.chunk_consumed..).filter(|left| !left.is_empty())?;
-        let mut fields = Fields(left);
-        let record = fields.sized().and_then(|header| Some((header.to_vec(), fields.sized()?.to_vec())));
-        self.chunk_consumed = self.chunk.len() - fields.0.len();
-        let Some((header, data)) = record else {
-            self.chunk.clear();
-            return Some(Some(Next::Damage("the last record of a chunk is cut".to_owned())));
-        };
-        Some(self.understand(&header, &data))
+        let record = self.chunk.next(|fields| Some((fields.sized()?.to_vec(), fields.sized()?.to_vec())))?;
+        Some(match record {
+            Ok((header, data)) => self.understand(&header, &data),
+            Err(damage) => Some(damage),
+        })
     }
 
     /// The next record outside of chunks; `None` where it is nothing to hand out.
@@ -91,17 +85,7 @@ impl Records {
         if Header(&header).number("op") != Some([CHUNK]) {
             return Ok(self.understand(&header, &data));
         }
-        self.chunk_consumed = 0;
-        match unpack(Header(&header), &data) {
-            Ok(records) => {
-                self.chunk = records;
-                Ok(None)
-            }
-            Err(reason) => {
-                self.chunk.clear();
-                Ok(Some(Next::Damage(format!("the chunk at byte {start}: {reason}"))))
-            }
-        }
+        Ok(self.chunk.fill(start, unpack(Header(&header), &data)))
     }
 
     /// Bytes of the file with their number before them; `None` where they are too many to keep.
