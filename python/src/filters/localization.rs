@@ -1,6 +1,6 @@
 //! Finding the robot in a map.
 
-use super::{Filter, Sweep, odometry, result, step};
+use super::{Shared, Sweep, odometry, result, step};
 use crate::arrays::{Vector, pose, toml};
 use crate::errors::{config as config_error, value};
 use crate::log::Log;
@@ -8,22 +8,10 @@ use crate::map::Map;
 use ipslam::localization::{InitialPose, LocalizationConfig};
 use ipslam::report::Estimator as _;
 use pyo3::prelude::*;
-use std::sync::{Mutex, PoisonError};
 
 /// The filter that finds the robot.
 #[pyclass(frozen, module = "ipslam")]
-pub struct Localization(Mutex<Filter<ipslam::localization::Localization>>);
-
-impl Localization {
-    /// Works on the filter while other threads of Python go on.
-    fn work<T: Send>(
-        &self,
-        py: Python<'_>,
-        work: impl Send + FnOnce(&mut Filter<ipslam::localization::Localization>) -> T,
-    ) -> T {
-        py.detach(|| work(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner)))
-    }
-}
+pub struct Localization(Shared<ipslam::localization::Localization>);
 
 #[pymethods]
 impl Localization {
@@ -48,7 +36,7 @@ impl Localization {
         let filter = py
             .detach(|| ipslam::localization::Localization::new(line_map, initial, config, None))
             .map_err(|error| value(format!("map: {error}")))?;
-        Ok(Self(Mutex::new(Filter::new(filter))))
+        Ok(Self(Shared::new(filter)))
     }
 
     /// Take in a sweep: ranges of shape (N,), angles in radians, poses as (x, y, heading). Returns what followed from it.
@@ -66,23 +54,23 @@ impl Localization {
         laser: [f64; 3],
     ) -> PyResult<step::Step> {
         let entry = Sweep { stamp, ranges, angle_min, angle_increment, odom, range_max, laser }.entry()?;
-        Ok(self.work(py, |filter| filter.add(entry)))
+        Ok(self.0.work(py, |filter| filter.add(entry)))
     }
 
     /// Take in odometry between sweeps; it can be left out.
     fn add_odometry(&self, py: Python<'_>, stamp: f64, odom: [f64; 3]) -> PyResult<step::Step> {
         let entry = odometry(stamp, odom)?;
-        Ok(self.work(py, |filter| filter.add(entry)))
+        Ok(self.0.work(py, |filter| filter.add(entry)))
     }
 
     /// Take in a whole log.
     fn add_log(&self, py: Python<'_>, log: &Log) -> PyResult<()> {
-        self.work(py, |filter| filter.add_log(log))
+        self.0.work(py, |filter| filter.add_log(log))
     }
 
     /// What was found so far, with the map that is known. More readings may follow.
     fn finish(&self, py: Python<'_>) -> PyResult<result::Result> {
-        let found = self.work(py, |filter| filter.estimator.result());
+        let found = self.0.work(py, |filter| filter.estimator.result());
         result::Result::new(py, found)
     }
 }

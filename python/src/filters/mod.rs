@@ -9,7 +9,7 @@ use ipslam::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogSta
 use ipslam::report::{Estimator, Event, RunResult};
 use ipslam::scan::{Scan, ScanConfig};
 use pyo3::prelude::*;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use step::Step;
 
 pub mod localization;
@@ -49,6 +49,23 @@ impl<E: Estimator> Filter<E> {
             }
         }
         Ok(())
+    }
+}
+
+/// A filter that threads of Python share.
+pub struct Shared<E>(Mutex<Filter<E>>);
+
+impl<E: Estimator> Shared<E> {
+    pub fn new(estimator: E) -> Self {
+        Self(Mutex::new(Filter::new(estimator)))
+    }
+
+    /// Works on the filter while other threads of Python go on.
+    pub fn work<T: Send>(&self, py: Python<'_>, work: impl Send + FnOnce(&mut Filter<E>) -> T) -> T
+    where
+        E: Send,
+    {
+        py.detach(|| work(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner)))
     }
 }
 

@@ -1,26 +1,19 @@
 //! Mapping.
 
-use super::{Filter, Readings, Sweep, free_area, odometry, result, step};
+use super::{Readings, Shared, Sweep, free_area, odometry, result, step};
 use crate::arrays::{Vector, toml};
 use crate::errors::{config as config_error, log as log_error};
 use crate::log::Log;
 use ipslam::config::SlamConfig;
 use ipslam::report::Estimator as _;
 use pyo3::prelude::*;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// The filter that makes a map.
 #[pyclass(frozen, module = "ipslam")]
 pub struct Slam {
     config: SlamConfig,
-    filter: Mutex<Filter<ipslam::slam::Slam>>,
-}
-
-impl Slam {
-    /// Works on the filter while other threads of Python go on.
-    fn work<T: Send>(&self, py: Python<'_>, work: impl Send + FnOnce(&mut Filter<ipslam::slam::Slam>) -> T) -> T {
-        py.detach(|| work(&mut self.filter.lock().unwrap_or_else(PoisonError::into_inner)))
-    }
+    filter: Shared<ipslam::slam::Slam>,
 }
 
 #[pymethods]
@@ -38,7 +31,7 @@ impl Slam {
         config.maps = maps.unwrap_or(config.maps);
         config.seed = seed.unwrap_or(config.seed);
         config.validate().map_err(|error| config_error(&error))?;
-        Ok(Self { config, filter: Mutex::new(Filter::new(ipslam::slam::Slam::new(config))) })
+        Ok(Self { config, filter: Shared::new(ipslam::slam::Slam::new(config)) })
     }
 
     /// Take in a sweep: ranges of shape (N,), angles in radians, poses as (x, y, heading). Returns what followed from it.
@@ -56,23 +49,23 @@ impl Slam {
         laser: [f64; 3],
     ) -> PyResult<step::Step> {
         let entry = Sweep { stamp, ranges, angle_min, angle_increment, odom, range_max, laser }.entry()?;
-        Ok(self.work(py, |filter| filter.add(entry)))
+        Ok(self.filter.work(py, |filter| filter.add(entry)))
     }
 
     /// Take in odometry between sweeps; it can be left out.
     fn add_odometry(&self, py: Python<'_>, stamp: f64, odom: [f64; 3]) -> PyResult<step::Step> {
         let entry = odometry(stamp, odom)?;
-        Ok(self.work(py, |filter| filter.add(entry)))
+        Ok(self.filter.work(py, |filter| filter.add(entry)))
     }
 
     /// Take in a whole log.
     fn add_log(&self, py: Python<'_>, log: &Log) -> PyResult<()> {
-        self.work(py, |filter| filter.add_log(log))
+        self.filter.work(py, |filter| filter.add_log(log))
     }
 
     /// Smooth what was found so far: every scan and the map are fitted to each other. More readings may follow.
     fn finish(&self, py: Python<'_>) -> PyResult<result::Result> {
-        let smoothed = self.work(py, |filter| {
+        let smoothed = self.filter.work(py, |filter| {
             let mut result = filter.estimator.result();
             let readings = Readings(Arc::clone(&filter.entries));
             self.config.smoother().smooth(&readings, &mut result, &mut |_| {})?;
