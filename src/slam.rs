@@ -232,6 +232,9 @@ impl Slam {
     /// All maps go over to a path that closes a loop. Eq. 18 cannot choose between the two: for now, a second copy of a wall fits
     /// better than the wall itself, as long as the bent path is not yet as good as it will be.
     fn close_loop(&mut self) {
+        if !self.loops.is_due() {
+            return;
+        }
         // Node 0 of a path is the start.
         let best = self.ancestry.path(self.hypotheses[self.best].path);
         let Some(Closed { path, map }) = self.loops.close(&best[1..], &mut self.evaluator) else { return };
@@ -416,9 +419,7 @@ impl Slam {
     /// Table I, 6c-ii to v: merges the scan's clusters, given in the robot's frame, into every map.
     fn merge(&mut self, clusters: &[Cluster]) {
         let SlamConfig { matching, merging, ablation, filter, .. } = &self.config;
-        // No cluster further off can match one of these, or one that such a match makes longer.
-        let reach = clusters.iter().map(|c| c.mean.coords.norm() + c.length()).fold(0.0, f64::max)
-            + 2.0 * (matching.max_gap + matching.max_distance + MARGIN);
+        let reach = matching.reach(clusters);
         let change = |hypothesis: &Hypothesis| {
             let pose = hypothesis.world_from_robot;
             let local = LocalPose::new(pose, self.table.anchor());
@@ -504,6 +505,3 @@ impl Estimator for Slam {
         self.evaluator.failure()
     }
 }
-
-/// Room for the thickness of clusters \[m\].
-const MARGIN: f64 = 1.0;

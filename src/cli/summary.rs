@@ -69,7 +69,7 @@ impl Summary<'_> {
         }
         match stats.laser_without_odometry {
             0 => {}
-            all if all == stats.laser => {
+            _ if self.has_no_odometry() => {
                 warnings.push("no odometry at all: the map is made by matching scans alone, and may be wrong where they show little; look at it".to_owned());
             }
             some => warnings.push(format!(
@@ -117,6 +117,11 @@ impl Summary<'_> {
         warnings
     }
 
+    fn has_no_odometry(&self) -> bool {
+        let stats = &self.mapped.stats;
+        stats.laser > 0 && stats.laser_without_odometry == stats.laser
+    }
+
     /// Why the result may not be relied on.
     fn doubts(&self) -> Vec<String> {
         let mut doubts = Vec::new();
@@ -130,7 +135,7 @@ impl Summary<'_> {
                 first.older_stamp
             ));
         }
-        if self.mapped.stats.laser > 0 && self.mapped.stats.laser_without_odometry == self.mapped.stats.laser {
+        if self.has_no_odometry() {
             doubts.push("no odometry: where scans show little, nothing tells how far the robot went".to_owned());
         }
         doubts
@@ -141,6 +146,7 @@ impl Summary<'_> {
         let Self { mapped, config, .. } = self;
         let counts = &mapped.counts;
         let of_particles = |count: f64| count / config.particles as f64;
+        let doubts = self.doubts();
         Ok(json!({
             "program": "ipslam",
             "version": env!("CARGO_PKG_VERSION"),
@@ -180,8 +186,8 @@ impl Summary<'_> {
                 },
             },
             "loops": mapped.result.loops,
-            "verdict": if self.doubts().is_empty() { "consistent" } else { "doubtful" },
-            "doubts": self.doubts(),
+            "verdict": if doubts.is_empty() { "consistent" } else { "doubtful" },
+            "doubts": doubts,
             "time": {
                 "filter_s": mapped.filter_seconds,
                 "smoothing_s": mapped.smoothing_seconds,

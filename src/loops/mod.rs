@@ -176,13 +176,14 @@ impl Loops {
         self.found.iter().map(|found| Loop { is_closed: is_closed(found), ..*found }).collect()
     }
 
-    /// Searches for a loop where it is time to, and closes the one that it finds. `path` is `world_from_robot` at every step.
+    /// Whether it is time to search.
+    pub fn is_due(&self) -> bool {
+        self.drive.travelled.last().is_some_and(|way| way - self.searched >= self.config.loops.search_distance)
+    }
+
+    /// Searches for a loop, and closes the one that it finds. `path` is `world_from_robot` at every step.
     pub fn close(&mut self, path: &[Pose], evaluator: &mut Failover) -> Option<Closed> {
-        let way = *self.drive.travelled.last()?;
-        if way - self.searched < self.config.loops.search_distance {
-            return None;
-        }
-        self.searched = way;
+        self.searched = *self.drive.travelled.last()?;
         let window = self.drive.window(path.len() - 1, &self.config.loops)?;
         let found = self.search(window, path, evaluator)?;
         let new = Tie::new(found.world_from_robot, path, window);

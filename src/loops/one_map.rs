@@ -16,9 +16,6 @@ pub(super) struct OneMap {
     pub table: ClusterTable,
 }
 
-/// Room for the thickness of clusters \[m\].
-const MARGIN: f64 = 1.0;
-
 impl OneMap {
     /// An empty map; its walls will be thickened to at most `capture_sigma` \[m\].
     pub fn new(config: &Closer, capture_sigma: f64) -> Self {
@@ -32,8 +29,7 @@ impl OneMap {
     /// Table I, 6c-ii to v: merges the clusters of a scan, given in the robot's frame.
     pub fn merge(&mut self, step: u32, world_from_robot: Pose, clusters: &[Cluster], config: &Closer) {
         let Closer { matching, merging, ablation, .. } = config;
-        let reach = clusters.iter().map(|c| c.mean.coords.norm() + c.length()).fold(0.0, f64::max)
-            + 2.0 * (matching.max_gap + matching.max_distance + MARGIN);
+        let reach = matching.reach(clusters);
         let near: Vec<(Slot, MapCluster)> =
             self.near(world_from_robot, reach as f32).into_iter().map(|slot| (slot, *self.pool.get(slot))).collect();
         let clusters: Vec<Cluster> = clusters.iter().map(|cluster| cluster.transformed(world_from_robot)).collect();

@@ -19,6 +19,17 @@ parameters! {
     }
 }
 
+/// Room for the thickness of clusters \[m\].
+const MARGIN: f64 = 1.0;
+
+impl MatchingConfig {
+    /// No cluster further from the robot \[m\] can match one of these, given in its frame, or one that such a match makes longer.
+    pub fn reach(&self, clusters: &[Cluster]) -> f64 {
+        let furthest = clusters.iter().map(|c| c.mean.coords.norm() + c.length()).fold(0.0, f64::max);
+        furthest + 2.0 * (self.max_gap + self.max_distance + MARGIN)
+    }
+}
+
 /// A circle around a cluster, to leave aside at little cost what is too far off to be the same wall.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Circle {

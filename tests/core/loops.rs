@@ -49,7 +49,9 @@ fn follow(steps: &[(Pose, Scan)], torn: f64, config: &SlamConfig) -> (Vec<Pose>,
             by_odometry,
             tracked,
         });
-        if let Some(Closed { path: bent, map }) = loops.close(&path, &mut Failover::new(None)) {
+        if loops.is_due()
+            && let Some(Closed { path: bent, map }) = loops.close(&path, &mut Failover::new(None))
+        {
             assert!(bent.len() == path.len() && !map.is_empty());
             path = bent;
         }
