@@ -213,7 +213,8 @@ impl Mapping<'_> {
             sweeps.push(Sweep::new(estimate, self.objective(estimate)));
             self.progress.advance();
         })?;
-        let objective = self.objective(&estimate);
+        // That of the last sweep is the objective of the estimate as it is.
+        let objective = sweeps.last().map_or_else(|| self.objective(&estimate), |sweep| sweep.objective);
         let (mut estimate, objective) = merging::merge(self, estimate, objective)?;
         sweeps.push(Sweep::new(&estimate, objective));
         let covariances = self.covariances(&mut estimate)?;
