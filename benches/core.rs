@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use ipslam::clustering::{ClusteringConfig, cluster_points};
+use ipslam::clustering::{ClusteringConfig, cluster_scan};
 use ipslam::config::SlamConfig;
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::log::{LogEntry, LogSource};
@@ -56,14 +56,14 @@ fn walls(count: usize) -> Vec<Cluster> {
 
 fn clustering(criterion: &mut Criterion) {
     let (scan, config) = (scan(), ClusteringConfig::default());
-    let found = cluster_points(&scan.points, &config).clusters.len();
+    let found = cluster_scan(&scan, &config).clusters.len();
     println!("cluster: {} points, {found} clusters", scan.points.len());
-    criterion.bench_function("cluster a scan", |b| b.iter(|| cluster_points(black_box(&scan.points), &config)));
+    criterion.bench_function("cluster a scan", |b| b.iter(|| cluster_scan(black_box(&scan), &config)));
 }
 
 fn merging(criterion: &mut Criterion) {
     let SlamConfig { clustering, matching, merging, ablation, .. } = SlamConfig::default();
-    let scan_clusters = cluster_points(&scan().points, &clustering).clusters;
+    let scan_clusters = cluster_scan(&scan(), &clustering).clusters;
     // The scan's own clusters are among those of the map, so that there is something to match.
     let map = scan_clusters.iter().copied().chain(walls(300)).take(300);
     let near: Vec<_> = (0..).zip(map.map(|cluster| MapCluster { cluster, last_step: 0, sightings: 9 })).collect();

@@ -1,6 +1,6 @@
 //! One scan as points, and the same scan as a handful of line clusters: `cargo run --example 01_cluster_a_scan`.
 
-use ipslam::clustering::{ClusteringConfig, cluster_points};
+use ipslam::clustering::{ClusteringConfig, cluster_scan};
 use ipslam::log::{LogEntry, LogError, LogSource};
 use ipslam::scan::{Scan, ScanConfig};
 use ipslam::simulate::Simulation;
@@ -9,7 +9,7 @@ fn main() -> Result<(), LogError> {
     for entry in Simulation::building(1).open()? {
         let LogEntry::Laser(reading) = entry? else { continue };
         let scan = Scan::from_reading(&reading, &ScanConfig::default());
-        let clustering = cluster_points(&scan.points, &ClusteringConfig::default());
+        let clustering = cluster_scan(&scan, &ClusteringConfig::default());
 
         println!("{} points in {} clusters:", scan.points.len(), clustering.clusters.len());
         println!("points  from [m]          to [m]            length [m]  across [mm]");

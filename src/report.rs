@@ -7,6 +7,7 @@ use crate::log::LogEntry;
 use crate::map::LineMap;
 use crate::ppca::Cluster;
 use crate::scan::Scan;
+use crate::tracking::OdometryErrors;
 use crc32fast::Hasher;
 use nalgebra::Matrix3;
 use serde::Serialize;
@@ -222,6 +223,8 @@ pub struct RunResult {
     pub poses: Vec<Estimate>,
     /// Stamps \[s\] of the odometry that no robot can have driven, and that was left out, in the order of the log.
     pub refused_odometry: Vec<f64>,
+    /// What the odometry of this drive is worth.
+    pub odometry_errors: OdometryErrors,
     /// The loops that were searched for and found, in the order of the log.
     pub loops: Vec<Loop>,
 }

@@ -9,7 +9,7 @@
 //!
 //! World's frame: the robot's pose at the first scan is the origin.
 
-use crate::clustering::cluster_points;
+use crate::clustering::cluster_scan;
 use crate::evaluator::cholesky::{Cholesky, packed, unpacked};
 use crate::evaluator::failover::Failover;
 use crate::evaluator::pose::LocalPose;
@@ -174,7 +174,7 @@ impl Slam {
     fn step(&mut self, scan: &Scan, tiles: &[Tile], odom_from_robot: Pose, observe: &mut dyn FnMut(&Event<'_>)) {
         let mut times = std::mem::take(&mut self.times);
         // 6c-i. The same for all particles, whatever their poses.
-        let clusters = timed(&mut times.cluster, || cluster_points(&scan.points, &self.config.clustering).clusters);
+        let clusters = timed(&mut times.cluster, || cluster_scan(scan, &self.config.clustering).clusters);
         // 6a
         let mut particles = timed(&mut times.propagate, || self.propagate(tiles));
         if self.config.ablation.weigh_merged_map {
@@ -497,6 +497,7 @@ impl Estimator for Slam {
             map: LineMap { clusters: self.clusters_of(best), free: None },
             poses: self.readings.iter().map(estimate).collect(),
             refused_odometry: self.tracker.refused().to_vec(),
+            odometry_errors: self.tracker.odometry_errors(),
             loops: self.loops.found(&path[1..]),
         }
     }

@@ -173,7 +173,7 @@ fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Smoother) -> P
     let information = [position, 0.0, 0.0, position, 0.0, heading];
     let prior = PosePrior { pose: LocalPose::new(guess, origin), information };
     let matched = match_scan(params, config.likelihood.log_outlier(), &prior, &tiles, ITERATIONS);
-    let world_from_robot = matched.pose.in_world(origin);
+    let world_from_robot = matched.mode.pose.in_world(origin);
     let explained = matched
         .likeliest
         .into_iter()

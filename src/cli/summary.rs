@@ -185,6 +185,7 @@ impl Summary<'_> {
                     "worst_share": of_particles(counts.effective_worst),
                 },
             },
+            "odometry_errors": mapped.result.odometry_errors,
             "loops": mapped.result.loops,
             "verdict": if doubts.is_empty() { "consistent" } else { "doubtful" },
             "doubts": doubts,
@@ -211,7 +212,7 @@ impl Summary<'_> {
         let counts = &mapped.counts;
         let percent = |count: f64| 100.0 * count / config.particles as f64;
         let StageTimes { cluster, track, propagate, weigh, resample, merge, .. } = counts.times;
-        let loops = &mapped.result.loops;
+        let (loops, errors) = (&mapped.result.loops, mapped.result.odometry_errors);
         let rows = [
             ("log", format!("{}: {} scans in {:.1} s", self.name, counts.scans, counts.log_seconds())),
             (
@@ -237,6 +238,13 @@ impl Summary<'_> {
                     percent(self.effective_mean()),
                     counts.effective_worst,
                     percent(counts.effective_worst)
+                ),
+            ),
+            (
+                "odometry",
+                format!(
+                    "errs {:.2} times as much as expected in positions, {:.2} times in headings, by its motions against the scans",
+                    errors.position, errors.heading
                 ),
             ),
             ("loops", format!("{} found, {} closed", loops.len(), loops.iter().filter(|l| l.is_closed).count())),

@@ -11,6 +11,7 @@
 
 use crate::parameters::parameters;
 use crate::ppca::Cluster;
+use crate::scan::Scan;
 use nalgebra::Point2;
 
 pub mod anderson_darling;
@@ -26,7 +27,7 @@ parameters! {
         /// of few points can pass for normal along its principal component and still be no line.
         max_across: f64 = 0.02, in 0.0..=f64::INFINITY;
         /// A cluster with a longer stretch without points is several \[m\]; infinite in the paper. Things that happen to
-        /// lie on one line are no wall.
+        /// lie on one line are no wall. Where a laser looks along a wall, the points of neighbouring beams may lie further apart.
         max_gap: f64 = 0.4, in 0.0..=f64::INFINITY;
         /// Laser noise \[m\]: no standard deviation of a cluster is taken to be smaller while points are shared out.
         noise: f64 = 0.01, in 1e-6..=1e3;
@@ -49,8 +50,22 @@ pub struct Clustering {
     pub assignment: Vec<Option<usize>>,
 }
 
-/// Clusters points (III-B). Points that are not finite are left out as outliers.
+/// Points whose beams are this far apart are neighbours: the laser has not looked between them, but for one beam that may have
+/// missed the wall.
+const NEIGHBOURS: u32 = 2;
+
+/// Clusters the points of a scan (III-B).
+pub fn cluster_scan(scan: &Scan, config: &ClusteringConfig) -> Clustering {
+    clustered(&scan.points, &|a, b| scan.beams[a].abs_diff(scan.beams[b]) <= NEIGHBOURS, config)
+}
+
+/// Clusters points in any order (III-B). Points that are not finite are left out as outliers.
 pub fn cluster_points(points: &[Point2<f64>], config: &ClusteringConfig) -> Clustering {
+    clustered(points, &|_, _| false, config)
+}
+
+/// Clusters points, of which some are neighbours whatever lies between them.
+fn clustered(points: &[Point2<f64>], is_next: &dyn Fn(usize, usize) -> bool, config: &ClusteringConfig) -> Clustering {
     let finite: Vec<usize> = (0..points.len()).filter(|&i| points[i].coords.iter().all(|c| c.is_finite())).collect();
     let kept: Vec<Point2<f64>> = finite.iter().map(|&i| points[i]).collect();
     let groups = split::g_means(&kept, config);
@@ -69,7 +84,7 @@ pub fn cluster_points(points: &[Point2<f64>], config: &ClusteringConfig) -> Clus
 
     let mut clustering = Clustering { clusters: Vec::new(), assignment: vec![None; points.len()] };
     for members in members {
-        for piece in pieces(points, members, config.max_gap) {
+        for piece in pieces(points, members, is_next, config.max_gap) {
             let Some(cluster) = Cluster::fit(piece.iter().map(|&i| points[i])) else { continue };
             if piece.len() >= config.min_points {
                 piece.iter().for_each(|&i| clustering.assignment[i] = Some(clustering.clusters.len()));
@@ -80,10 +95,17 @@ pub fn cluster_points(points: &[Point2<f64>], config: &ClusteringConfig) -> Clus
     clustering
 }
 
-/// Cuts a cluster's points where a stretch of its line longer than `max_gap` \[m\] holds none.
-fn pieces(points: &[Point2<f64>], mut members: Vec<usize>, max_gap: f64) -> Vec<Vec<usize>> {
+/// Cuts a cluster's points where a stretch of its line longer than `max_gap` \[m\], between points that are no neighbours, holds
+/// none.
+fn pieces(
+    points: &[Point2<f64>],
+    mut members: Vec<usize>,
+    is_next: &dyn Fn(usize, usize) -> bool,
+    max_gap: f64,
+) -> Vec<Vec<usize>> {
     let Some(cluster) = Cluster::fit(members.iter().map(|&i| points[i])) else { return Vec::new() };
     let along = |i: usize| cluster.direction.dot(&points[i].coords);
     members.sort_by(|&a, &b| along(a).total_cmp(&along(b)));
-    members.chunk_by(|&a, &b| along(b) - along(a) <= max_gap).map(<[usize]>::to_vec).collect()
+    let is_whole = |&a: &usize, &b: &usize| along(b) - along(a) <= max_gap || is_next(a, b);
+    members.chunk_by(is_whole).map(<[usize]>::to_vec).collect()
 }

@@ -402,6 +402,7 @@ impl Estimator for Localization {
             map,
             poses: self.estimates.clone(),
             refused_odometry: self.tracker.refused().to_vec(),
+            odometry_errors: self.tracker.odometry_errors(),
             loops: Vec::new(),
         }
     }
@@ -463,6 +464,7 @@ mod tests {
             position_floor,
             heading_floor,
             stamp_error: 0.0,
+            prior_motions: f64::INFINITY,
         };
         let mut tracker = Tracker::new(motion, TrackingConfig::default());
         tracker.add(0.0, Pose::IDENTITY);

@@ -11,6 +11,8 @@ pub(super) struct Tie {
     pub older: usize,
     pub newer: usize,
     pub older_from_newer: Pose,
+    /// Of (forward, sideways, heading) of the newer one.
+    pub covariance: Matrix3<f64>,
 }
 
 impl Tie {
@@ -18,7 +20,8 @@ impl Tie {
     pub fn new(world_from_robot: Pose, path: &[Pose], window: Window) -> Self {
         let off = |step: &usize| (path[*step].position() - world_from_robot.position()).norm();
         let older = (0..window.older).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
-        Self { older, newer: window.last, older_from_newer: world_from_robot.seen_from(path[older]) }
+        let covariance = Matrix3::from_diagonal(&Vector3::from(TIE).map(|sigma| sigma * sigma));
+        Self { older, newer: window.last, older_from_newer: world_from_robot.seen_from(path[older]), covariance }
     }
 
     /// Whether a path has the two where this has them.
@@ -41,19 +44,31 @@ const ORIGIN: [f64; 3] = [1e-3; 3];
 /// reference, 84 % of the loops that were found were within 0.15 m and 0.04 rad of it.
 const TIE: [f64; 3] = [0.1, 0.1, 0.03];
 /// The least error of a motion from step to step, of any kind.
-const MOTION: [f64; 3] = [0.01, 0.01, 0.003];
+pub(super) const MOTION: [f64; 3] = [0.01, 0.01, 0.003];
 /// Motions whose squared distance from odometry, in units of the usual one, is this are as likely wrong as not.
 const UNUSUAL: f64 = 50.0;
 /// Ties may be wrong: beyond this many standard deviations they pull no harder.
 const TIE_TAIL: f64 = 3.0;
 
-/// The path, from `path` on, that keeps all `motions` from step to step and all ties as well as it can, and the new tie in any
+/// The path, from `path` on, that keeps all `motions` from step to step and all ties as well as it can, and a new tie in any
 /// case. `None` where there is no such path.
-pub(super) fn bent(keyframes: &[Keyframe], motions: &[Pose], path: &[Pose], ties: &[Tie], new: &Tie) -> Option<Bent> {
+pub(super) fn bent(
+    keyframes: &[Keyframe],
+    motions: &[Pose],
+    path: &[Pose],
+    ties: &[Tie],
+    new: Option<&Tie>,
+) -> Option<Bent> {
     solve(keyframes, motions, path, ties, new).ok()
 }
 
-fn solve(keyframes: &[Keyframe], motions: &[Pose], path: &[Pose], ties: &[Tie], new: &Tie) -> Result<Bent, GraphError> {
+fn solve(
+    keyframes: &[Keyframe],
+    motions: &[Pose],
+    path: &[Pose],
+    ties: &[Tie],
+    new: Option<&Tie>,
+) -> Result<Bent, GraphError> {
     let mut values = Values::new();
     let steps: Vec<VariableId> = path.iter().map(|&pose| values.add_pose(pose)).collect();
     let between = |tie: &Tie| Between::new(steps[tie.older], steps[tie.newer], tie.older_from_newer);
@@ -61,14 +76,16 @@ fn solve(keyframes: &[Keyframe], motions: &[Pose], path: &[Pose], ties: &[Tie], 
     graph.add(Prior::pose(steps[0], path[0]), Noise::sigmas(&ORIGIN)?)?;
     let usual = usual(keyframes, motions);
     for (step, keyframe) in keyframes.iter().enumerate().skip(1) {
-        let noise = Noise::covariance(&doubt(keyframe, motions[step], &usual))?;
+        let noise = noise(&doubt(keyframe, motions[step], &usual))?;
         graph.add(Between::new(steps[step - 1], steps[step], motions[step]), noise)?;
     }
     for tie in ties {
-        let term = graph.add(between(tie), Noise::sigmas(&TIE)?)?;
+        let term = graph.add(between(tie), noise(&tie.covariance)?)?;
         graph.set_loss(term, Loss::Cauchy(TIE_TAIL))?;
     }
-    graph.add(between(new), Noise::sigmas(&TIE)?)?;
+    if let Some(new) = new {
+        graph.add(between(new), noise(&new.covariance)?)?;
+    }
     let cost = Solver::default().solve(&graph, &mut values)?.error;
     let path: Result<Vec<Pose>, GraphError> = steps.into_iter().map(|step| values.pose(step)).collect();
     Ok(Bent { path: path?, cost })
@@ -94,15 +111,19 @@ fn usual(keyframes: &[Keyframe], motions: &[Pose]) -> Vector3<f64> {
 }
 
 /// The covariance of a motion: as well as the scans know it. Where scans and odometry disagree more than they usually do, one of
-/// them is wrong, and nobody knows which.
-fn doubt(keyframe: &Keyframe, moved: Pose, usual: &Vector3<f64>) -> DMatrix<f64> {
+/// them is wrong, and nobody knows which: that of a mixture of the two, around what the scans say.
+fn doubt(keyframe: &Keyframe, moved: Pose, usual: &Vector3<f64>) -> Matrix3<f64> {
     let off = off(keyframe, moved);
     let squared = off.component_div(usual).norm_squared();
     let share = squared / (squared + UNUSUAL);
     let least = Matrix3::from_diagonal(&Vector3::from(MOTION).map(|sigma| sigma * sigma));
-    let covariance: Matrix3<f64> = keyframe.tracked.covariance + off * off.transpose() * share + least;
+    let Keyframe { tracked, by_odometry, .. } = keyframe;
+    tracked.covariance * (1.0 - share) + (by_odometry.covariance + off * off.transpose()) * share + least
+}
+
+fn noise(covariance: &Matrix3<f64>) -> Result<Noise, GraphError> {
     let symmetric = 0.5 * (covariance + covariance.transpose());
-    DMatrix::from_column_slice(3, 3, symmetric.as_slice())
+    Noise::covariance(&DMatrix::from_column_slice(3, 3, symmetric.as_slice()))
 }
 
 #[cfg(test)]
@@ -128,7 +149,19 @@ mod tests {
     fn bend(keyframes: &[Keyframe], motions: &[Pose], older_from_newer: Pose) -> Bent {
         let mut path = vec![Pose::IDENTITY];
         motions[1..].iter().for_each(|&moved| path.push(path[path.len() - 1] * moved));
-        bent(keyframes, motions, &path, &[], &Tie { older: 0, newer: 20, older_from_newer }).unwrap()
+        bent(
+            keyframes,
+            motions,
+            &path,
+            &[],
+            Some(&Tie {
+                older: 0,
+                newer: 20,
+                older_from_newer,
+                covariance: Matrix3::from_diagonal(&Vector3::from(TIE).map(|s| s * s)),
+            }),
+        )
+        .unwrap()
     }
 
     #[test]

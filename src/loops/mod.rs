@@ -2,11 +2,12 @@
 //!
 //! Drift beyond the spread of the particles cannot be mended by particles. So while the robot drives, the walls of its last
 //! metres are laid over the older part of the map, wherever on it the robot may be (`search`). Where they fit, a pose graph
-//! bends the path (`bend`), and the map is made anew from the scans of all steps (`remake`).
+//! bends the path (`bend`): it holds the motions from step to step, and the scans of all visits to a place against each other
+//! (`revisits`), so that what is known well stays as it is. Then the map is made anew from the scans of all steps (`remake`).
 //!
 //! What was found is a hypothesis and no fact: rooms look alike. So it has to be the only place of its kind. And it has to be close
-//! enough for the drift of this drive, or the map of the bent path has to agree better with itself than before (`agreement`),
-//! or the next metres have to find the same loop.
+//! enough for the drift of this drive, or the visits to all places have to agree better than before, or the next metres have to
+//! find the same loop.
 
 use crate::ablation::AblationConfig;
 use crate::evaluator::failover::Failover;
@@ -20,16 +21,17 @@ use crate::motion::Motion;
 use crate::parameters::parameters;
 use crate::ppca::Cluster;
 use crate::report::Loop;
-use agreement::agreement;
 use bend::{Bent, Tie, bent};
+use nalgebra::Point2;
 use one_map::OneMap;
 use remake::remade;
+use revisits::revisits;
 use search::{Found, Older, Query};
 
-mod agreement;
 mod bend;
 mod one_map;
 mod remake;
+mod revisits;
 mod search;
 
 parameters! {
@@ -111,6 +113,9 @@ pub struct Loops {
     older: Older,
     /// A loop that one window alone spoke for.
     pending: Option<Tie>,
+    /// Between different visits to one place, of the steps before `tied`.
+    ties: Vec<Tie>,
+    tied: usize,
     found: Vec<Loop>,
 }
 
@@ -123,9 +128,9 @@ const SAME: [f64; 2] = [0.3, 0.1];
 /// Half of the 99.9 % quantile of the χ² distribution of three degrees of freedom: a loop that bends the path at a lower cost
 /// \[nats\] is within the drift of this drive.
 const DRIFT: f64 = 8.13;
-/// What a loop may cost where something else speaks for it: a match that failed is off by many standard deviations \[nats\].
+/// What a loop may cost at all: a match that failed is off by many standard deviations \[nats\].
 const FAILURE: f64 = 100.0;
-/// The path is bent, and looked over for more places that are the same, this many times.
+/// The path is bent, and looked over for more visits to the same places, this many times.
 const PASSES: usize = 3;
 /// A map of fewer steps is too little to search in.
 const LEAST_STEPS: usize = 5;
@@ -153,6 +158,8 @@ impl Loops {
             drive: Drive::default(),
             searched: 0.0,
             pending: None,
+            ties: Vec::new(),
+            tied: 0,
             found: Vec::new(),
         }
     }
@@ -184,13 +191,14 @@ impl Loops {
     /// Searches for a loop, and closes the one that it finds. `path` is `world_from_robot` at every step.
     pub fn close(&mut self, path: &[Pose], evaluator: &mut Failover) -> Option<Closed> {
         self.searched = *self.drive.travelled.last()?;
+        let steps = std::mem::replace(&mut self.tied, path.len())..path.len();
+        self.ties.extend(revisits(&self.drive, path, steps, &[], &self.config));
         let window = self.drive.window(path.len() - 1, &self.config.loops)?;
         let found = self.search(window, path, evaluator)?;
         let new = Tie::new(found.world_from_robot, path, window);
-        let hypothesis = self.bend(path, &new, evaluator);
-        let is_closed = hypothesis.as_ref().is_some_and(|Hypothesis { cost, gain, .. }| {
-            let is_likely = *gain > 0.0 || self.is_confirmed(&new, path);
-            *cost <= DRIFT || is_likely && *cost <= FAILURE
+        let hypothesis = self.bend(path, &new);
+        let is_closed = hypothesis.as_ref().is_some_and(|Hypothesis { cost, agrees_better, .. }| {
+            *cost <= DRIFT || *agrees_better || self.is_confirmed(&new, path)
         });
         self.pending = (!is_closed).then_some(new);
         let [older, step] = [new.older, new.newer];
@@ -204,7 +212,10 @@ impl Loops {
             explained: found.explained,
             is_closed,
         });
-        hypothesis.filter(|_| is_closed).map(|bent| remade(&self.drive.keyframes, &bent.path, &self.config))
+        let bent = hypothesis.filter(|_| is_closed)?;
+        let closed = remade(&self.drive.keyframes, &bent.path, &self.config);
+        self.ties = bent.ties;
+        Some(closed)
     }
 
     /// The place of the older map that explains the window, if it is the only one of its kind and another one than where the robot
@@ -225,27 +236,24 @@ impl Loops {
     }
 
     /// The path that closes this loop, and what speaks for it; `None` where it is beyond all reason.
-    fn bend(&self, path: &[Pose], new: &Tie, evaluator: &mut Failover) -> Option<Hypothesis> {
+    fn bend(&self, path: &[Pose], new: &Tie) -> Option<Hypothesis> {
         let keyframes = &self.drive.keyframes;
         let motions: Vec<Pose> =
             (0..path.len()).map(|step| path[step].seen_from(path[step.saturating_sub(1)])).collect();
-        // Other ties make it cost more.
-        if bent(keyframes, &motions, path, &[], new)?.cost > FAILURE {
+        let before = bent(keyframes, &motions, path, &self.ties, None)?;
+        let Bent { mut path, cost } = bent(keyframes, &motions, path, &self.ties, Some(new))?;
+        let cost = cost - before.cost;
+        if cost > FAILURE {
             return None;
         }
-        let before = agreement(&self.drive, path, &self.config, evaluator);
-        let held: Vec<Tie> = before.ties.into_iter().filter(|tie| tie.holds(path)).collect();
-        let mut ties = held.clone();
-        let mut hypothesis = Hypothesis { path: path.to_vec(), cost: f64::INFINITY, gain: 0.0 };
+        let mut ties = self.ties.clone();
         for _ in 0..PASSES {
-            let Bent { path, cost } = bent(keyframes, &motions, &hypothesis.path, &ties, new)?;
-            let after = agreement(&self.drive, &path, &self.config, evaluator);
-            // The first pass knows of no other place that the loop makes one.
-            let cost = cost.min(hypothesis.cost);
-            hypothesis = Hypothesis { path, cost, gain: after.explained - before.explained };
-            ties = after.ties.into_iter().chain(held.iter().copied()).collect();
+            ties = revisits(&self.drive, &path, 0..path.len(), &ties, &self.config);
+            Bent { path, .. } = bent(keyframes, &motions, &path, &ties, Some(new))?;
         }
-        Some(hypothesis)
+        let held = |ties: &[Tie], path: &[Pose]| ties.iter().filter(|tie| tie.holds(path)).count();
+        let agrees_better = held(&ties, &path) > held(&self.ties, &before.path);
+        Some(Hypothesis { path, ties, cost, agrees_better })
     }
 
     /// Whether the last search found the same loop.
@@ -262,10 +270,22 @@ impl Loops {
 #[derive(Debug)]
 struct Hypothesis {
     path: Vec<Pose>,
-    /// What bending it costs \[nats\].
+    /// Between the visits to one place, as that path has them.
+    ties: Vec<Tie>,
+    /// What closing the loop costs \[nats\].
     cost: f64,
-    /// By how much its map agrees better with itself than that of the path before.
-    gain: f64,
+    /// Whether more ties hold than before.
+    agrees_better: bool,
+}
+
+/// A wall hides what lies behind it only where it is thicker than this \[m\]: scans are matched to no better.
+const HIDING_SIGMA: f64 = 0.1;
+
+/// Share of rays, each from where the robot was to a point that it saw, that go through one of these walls.
+fn share_behind<'a>(rays: &[[Point2<f64>; 2]], walls: impl Iterator<Item = &'a Cluster> + Clone) -> f64 {
+    let is_behind =
+        |&&[robot, point]: &&[Point2<f64>; 2]| walls.clone().any(|wall| wall.separates(robot, point, HIDING_SIGMA));
+    rays.iter().filter(is_behind).count() as f64 / rays.len().max(1) as f64
 }
 
 /// Whether two poses are this close together \[m, rad\].

@@ -40,6 +40,6 @@ fn matched(map: &OneMap, keyframe: &Keyframe, pose: Pose) -> Pose {
     let thick = rows().map(|row| row.thickened(CAPTURE_SIGMA as f32));
     let prior = PosePrior { pose: LocalPose::new(pose, anchor), information };
     let captured = match_scan(thick, log_outlier, &prior, &keyframe.tiles, ITERATIONS);
-    let prior = PosePrior { pose: captured.pose, ..prior };
-    match_scan(rows(), log_outlier, &prior, &keyframe.tiles, ITERATIONS).pose.in_world(anchor)
+    let prior = PosePrior { pose: captured.mode.pose, ..prior };
+    match_scan(rows(), log_outlier, &prior, &keyframe.tiles, ITERATIONS).mode.pose.in_world(anchor)
 }

@@ -1,6 +1,6 @@
 //! Where in the older part of the map are the walls of the last metres?
 
-use super::{Closer, Keyframe, OneMap, is_near};
+use super::{Closer, Keyframe, OneMap, is_near, share_behind};
 use crate::evaluator::cholesky::Cholesky;
 use crate::evaluator::failover::Failover;
 use crate::evaluator::pose::LocalPose;
@@ -22,7 +22,7 @@ pub(super) struct Query {
     tiles: Vec<Tile>,
     /// The same points.
     points: Vec<Point2<f64>>,
-    /// Points of the scans, each with where the robot was that saw it.
+    /// Points of the scans, each after where the robot was that saw it.
     rays: Vec<[Point2<f64>; 2]>,
 }
 
@@ -62,8 +62,6 @@ const CAPTURE_SIGMA: f64 = 0.5;
 const CLOSELY: usize = 12;
 /// Places this close together are one \[m, rad\].
 const APART: [f64; 2] = [1.0, 0.4];
-/// A wall hides what lies behind it only where it is thicker than this \[m\].
-const MIN_SIGMA: f64 = 0.1;
 /// A path that has moved by more than this has another map \[m, rad\].
 const MOVED: [f64; 2] = [0.1, 0.03];
 
@@ -81,7 +79,7 @@ impl Query {
             walls.flat_map(|wall| along(&wall.cluster)).map(|point| robot_from_world * point).collect();
         let ray = |(keyframe, &pose): (&Keyframe, &Pose)| {
             let robot_from_then = robot_from_world * pose;
-            let seen = move |point: Point2<f64>| [robot_from_then * point, robot_from_then.position()];
+            let seen = move |point: Point2<f64>| [robot_from_then.position(), robot_from_then * point];
             keyframe.tiles.iter().flat_map(Tile::points).map(seen).collect::<Vec<_>>()
         };
         let rays: Vec<[Point2<f64>; 2]> = keyframes.iter().zip(path).flat_map(ray).collect();
@@ -242,14 +240,11 @@ impl Older {
             let LocalPose { x, y, .. } = LocalPose::new(Pose::new(point.x, point.y, 0.0), table.anchor());
             f64::from(rows.iter().map(|row| row.log_density(x, y)).fold(log_outlier, f32::max) - log_outlier)
         };
-        let is_behind = |ray: &&[Point2<f64>; 2]| {
-            let [point, robot] = ray.map(|point| world_from_robot * point);
-            near.iter().any(|&slot| pool.get(slot).cluster.separates(robot, point, MIN_SIGMA))
-        };
         let most = query.points.len() as f64 * f64::from(peak - log_outlier);
         let share = if most > 0.0 { query.points.iter().map(gain).sum::<f64>() / most } else { 0.0 };
-        let behind = query.rays.iter().filter(is_behind).count() as f64 / query.rays.len().max(1) as f64;
-        let explained = share - behind;
+        let rays: Vec<[Point2<f64>; 2]> =
+            query.rays.iter().map(|ray| ray.map(|point| world_from_robot * point)).collect();
+        let explained = share - share_behind(&rays, near.iter().map(|&slot| &pool.get(slot).cluster));
         Found { world_from_robot, explained }
     }
 }

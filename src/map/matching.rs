@@ -14,13 +14,23 @@ parameters! {
         /// Paper's rule: pairs further apart than this are not matched \[m\]. Collinear rule: the lines of a match are at
         /// most this far apart \[m\], beyond what the clusters' own thickness explains.
         max_distance: f64 = 0.1, in 0.0..=f64::INFINITY;
-        /// Collinear rule: the longest gap between the segments of a match \[m\].
+        /// Collinear rule: the longest gap between the segments of a match \[m\]. Segments whose own points lie further apart may
+        /// be as far from each other.
         max_gap: f64 = 0.3, in 0.0..=f64::INFINITY;
     }
 }
 
-/// Room for the thickness of clusters \[m\].
+/// Room for the thickness of clusters \[m\], and for the gaps between their points.
 const MARGIN: f64 = 1.0;
+/// A wall may go on for this many times the distance of its points beyond the last of them: they are not quite evenly spread.
+const SPACINGS: f64 = 1.5;
+/// A longer gap may be a door \[m\], however far apart the points are.
+const DOOR: f64 = 0.8;
+
+/// How far the end of a cluster may be from that of another one of the same wall \[m\], as far as its points tell.
+fn gap(cluster: &Cluster) -> f64 {
+    (SPACINGS * cluster.length() / cluster.count.max(1.0)).min(DOOR)
+}
 
 impl MatchingConfig {
     /// No cluster further from the robot \[m\] can match one of these, given in its frame, or one that such a match makes longer.
@@ -35,17 +45,19 @@ impl MatchingConfig {
 pub(super) struct Circle {
     centre: Point2<f64>,
     radius: f64,
+    gap: f64,
 }
 
 impl Circle {
     pub(super) fn around(cluster: &Cluster) -> Self {
         let radius = (3.0 * cluster.along_variance).sqrt() + cluster.across_variance.sqrt();
-        Self { centre: cluster.mean, radius }
+        Self { centre: cluster.mean, radius, gap: gap(cluster) }
     }
 
     /// Whether two clusters in these circles may match at all, by whichever rule.
     pub(super) fn may_match(&self, other: &Self, config: &MatchingConfig) -> bool {
-        let reach = self.radius + other.radius + config.max_gap + config.max_distance;
+        let max_gap = config.max_gap.max(self.gap).max(other.gap);
+        let reach = self.radius + other.radius + max_gap + config.max_distance;
         (self.centre - other.centre).norm_squared() <= reach * reach
     }
 }
@@ -140,7 +152,8 @@ pub fn line_distance(a: &Cluster, b: &Cluster, config: &MatchingConfig) -> f64 {
     let half = 3f64.sqrt();
     let (long_half, short_half) = (half * long.along_variance.sqrt(), half * short.along_variance.sqrt());
     let alignment = long.direction.dot(&short.direction).abs();
-    if alignment < config.max_angle.cos() || along.abs() - long_half - short_half * alignment > config.max_gap {
+    let max_gap = config.max_gap.max(gap(a)).max(gap(b));
+    if alignment < config.max_angle.cos() || along.abs() - long_half - short_half * alignment > max_gap {
         return f64::INFINITY;
     }
     let tolerance = config.max_distance + long.across_variance.sqrt() + short.across_variance.sqrt();

@@ -1,8 +1,9 @@
 //! Clusters of walls that are known, equivariance, and input of the worst kind.
 
 use crate::{normals, poses, uniforms, wall_points};
-use ipslam::clustering::{Clustering, ClusteringConfig, cluster_points};
+use ipslam::clustering::{Clustering, ClusteringConfig, cluster_points, cluster_scan};
 use ipslam::geometry::Pose;
+use ipslam::scan::Scan;
 use nalgebra::{Point2, Vector2};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
@@ -153,6 +154,21 @@ fn a_stretch_without_points_cuts() {
     }
     let config = ClusteringConfig { max_gap: 0.4, min_points: 4, ..ClusteringConfig::default() };
     assert!(cluster_points(&points, &config).clusters.is_empty(), "pieces of three points are too small");
+}
+
+/// A wall that the laser looks along is one, and a wall with an opening two, though its points lie as far apart.
+#[test]
+fn a_gap_is_where_beams_went_elsewhere() {
+    let points: Vec<Point2<f64>> = [0.0, 0.1, 0.2, 1.0, 1.1, 1.2].map(|x| Point2::new(x, 0.5 * x)).to_vec();
+    for (beams, expected) in [
+        ([3, 4, 5, 6, 7, 8], [0; 6]),
+        ([3, 4, 5, 7, 8, 9], [0; 6]),
+        ([3, 4, 5, 8, 9, 10], [0, 0, 0, 1, 1, 1]),
+        ([10, 9, 8, 7, 6, 5], [0; 6]),
+    ] {
+        let scan = Scan { points: points.clone(), beams: beams.to_vec(), ..Scan::default() };
+        assert_eq!(cluster_scan(&scan, &ClusteringConfig::default()).assignment, expected.map(Some), "{beams:?}");
+    }
 }
 
 proptest! {

@@ -1,7 +1,7 @@
 //! Loops in a simulated drive whose path was torn in one place, against the true path.
 
 use crate::SEED;
-use ipslam::clustering::cluster_points;
+use ipslam::clustering::cluster_scan;
 use ipslam::config::SlamConfig;
 use ipslam::evaluator::failover::Failover;
 use ipslam::evaluator::tiles::tiles;
@@ -45,7 +45,7 @@ fn follow(steps: &[(Pose, Scan)], torn: f64, config: &SlamConfig) -> (Vec<Pose>,
         loops.add(Keyframe {
             stamp: scan.stamp,
             tiles: tiles(&scan.points, config.likelihood.max_points),
-            clusters: cluster_points(&scan.points, &config.clustering).clusters,
+            clusters: cluster_scan(scan, &config.clustering).clusters,
             by_odometry,
             tracked,
         });

@@ -123,6 +123,18 @@ fn several_pieces_of_a_wall_match_it_by_the_collinear_rule() {
     assert_eq!(match_clusters(&map, &strangers, &config, MatchingRule::Collinear), [None; 3]);
 }
 
+/// Points of a wall that lie half a metre apart do not tell whether it ends.
+#[test]
+fn a_wall_of_few_points_goes_on_to_the_next() {
+    let config = MatchingConfig::default();
+    let map = [wall([0.0, 0.0], [4.0, 0.0], 0.01, 8.0)];
+    for (begin, expected) in [(4.7, Some(0)), (4.9, None)] {
+        let next = [wall([begin, 0.0], [begin + 1.0, 0.0], 0.01, 30.0)];
+        assert_eq!(match_clusters(&map, &next, &config, MatchingRule::Collinear), [expected], "{begin}");
+        assert_eq!(match_clusters(&next, &map, &config, MatchingRule::Collinear), [expected], "{begin}");
+    }
+}
+
 proptest! {
     /// Which of two clusters is in the map does not matter, nor which way a direction points.
     /// What is left aside at little cost would not have matched.

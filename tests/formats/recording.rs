@@ -7,6 +7,7 @@ use ipslam::ppca::Cluster;
 use ipslam::record::rerun::{Level, RecordError, RerunObserver, blueprint};
 use ipslam::report::{Estimate, Event, Observer, ReportedParticle, RunResult, StageTimes, StepReport};
 use ipslam::scan::Scan;
+use ipslam::tracking::OdometryErrors;
 use nalgebra::{Isometry2, Point2, Vector2};
 use rerun::blueprint::components::ViewClass;
 use rerun::components::{ClearIsRecursive, Color, LineStrip2D, Position2D, Scalar, Scale3D, Vector2D};
@@ -177,7 +178,13 @@ fn result(steps: u32) -> RunResult {
         confidence: None,
     };
     let map = LineMap { clusters: vec![wall(0.0), wall(5.0), wall(10.0)], free: None };
-    RunResult { map, poses: (0..steps).map(estimate).collect(), refused_odometry: Vec::new(), loops: Vec::new() }
+    RunResult {
+        map,
+        poses: (0..steps).map(estimate).collect(),
+        refused_odometry: Vec::new(),
+        odometry_errors: OdometryErrors::default(),
+        loops: Vec::new(),
+    }
 }
 
 /// Records `steps` steps, the map changing at the fourth, and reads the file.

@@ -4,7 +4,7 @@ use crate::needs::data_folder;
 use crate::oracle::Likelihood;
 use crate::wall::wall;
 use ipslam::ablation::Latent;
-use ipslam::clustering::{ClusteringConfig, cluster_points};
+use ipslam::clustering::{ClusteringConfig, cluster_scan};
 use ipslam::evaluator::pose::LocalPose;
 use ipslam::evaluator::table::ClusterTable;
 use ipslam::evaluator::tiles::{Tile, tiles};
@@ -159,7 +159,7 @@ fn real() -> Vec<World> {
     let pose = Pose::new(-4.0, 12.0, 2.5);
     let scans: Vec<Scan> = scans.take(1500).step_by(250).collect();
     let world = |(number, scan): (usize, &Scan)| {
-        let clusters = cluster_points(&scan.points, &ClusteringConfig::default()).clusters;
+        let clusters = cluster_scan(scan, &ClusteringConfig::default()).clusters;
         let clusters = clusters.iter().map(|cluster| cluster.transformed(pose)).collect();
         World::new(&format!("real scan {number}"), configs()[0], clusters, scan.points.clone(), pose, 70)
     };

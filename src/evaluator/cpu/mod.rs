@@ -100,7 +100,7 @@ pub fn advance_all(scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Vec
 #[derive(Clone, Debug, PartialEq)]
 pub struct Matched {
     /// The mode of the posterior that Gauss-Newton steps from the mean of the prior climb to.
-    pub pose: LocalPose,
+    pub mode: Mode,
     /// For each point the number of its likeliest cluster from there (the maximum of eq. 18); `None` for an outlier.
     pub likeliest: Vec<Option<usize>>,
 }
@@ -115,11 +115,12 @@ pub fn match_scan(
     iterations: u32,
 ) -> Matched {
     let map = LocalMap::new(clusters, log_outlier);
-    let pose = refine(&map, &[prior.pose], prior, tiles, iterations).first().map_or(prior.pose, |mode| mode.pose);
+    let stay = Mode { pose: prior.pose, information: prior.information, ..Mode::default() };
+    let mode = refine(&map, &[prior.pose], prior, tiles, iterations).first().copied().unwrap_or(stay);
     let mut candidates = Candidates::default();
-    candidates.cover(&map, tiles, &[pose], [0.0; 2]);
-    let likeliest = View { tiles, candidates: &candidates, log_outlier }.explain(pose);
-    Matched { pose, likeliest }
+    candidates.cover(&map, tiles, &[mode.pose], [0.0; 2]);
+    let likeliest = View { tiles, candidates: &candidates, log_outlier }.explain(mode.pose);
+    Matched { mode, likeliest }
 }
 
 fn local_map(scene: &Scene<'_>, slots: &[Slot]) -> LocalMap {

@@ -8,6 +8,10 @@
 use crate::geometry::Pose;
 use crate::motion::{Motion, MotionConfig, Travel};
 use crate::parameters::parameters;
+use learnt::Errors;
+
+mod learnt;
+pub use learnt::OdometryErrors;
 
 parameters! {
     /// How the robot is followed between steps, and when a step is taken.
@@ -37,6 +41,8 @@ const MAX_GUESS: f64 = 1.0;
 const LATE: f64 = 0.9;
 /// What one interval counts in the average of the period: that of the last ten.
 const PERIOD_SHARE: f64 = 0.1;
+/// A scan tells the error of a motion where it knows the motion to this share of the error that odometry is expected to have.
+const SURE: f64 = 0.5;
 
 impl TrackingConfig {
     /// Whether a robot that has moved so since the last step is still too near for another one.
@@ -85,8 +91,11 @@ pub struct Tracker {
     since_step: Travel,
     /// The motion from the last step to the last scan that corrected it, and the travel since.
     corrected: Motion,
+    is_corrected: bool,
     since_correction: Travel,
     refused: Vec<f64>,
+    position_errors: Errors,
+    heading_errors: Errors,
 }
 
 impl Tracker {
@@ -102,8 +111,11 @@ impl Tracker {
             velocity: Pose::IDENTITY,
             since_step: Travel::default(),
             corrected: Motion::none(),
+            is_corrected: false,
             since_correction: Travel::default(),
             refused: Vec::new(),
+            position_errors: Errors::default(),
+            heading_errors: Errors::default(),
         }
     }
 
@@ -186,7 +198,7 @@ impl Tracker {
 
     /// The motion since the last step by odometry alone (eq. 17).
     pub fn by_odometry(&self) -> Motion {
-        self.since_step.motion(&self.motion, self.velocity)
+        self.since_step.motion(&self.noise(), self.velocity)
     }
 
     /// The motion since the last step, as scans have corrected it since. The floors of odometry's noise stay in it: a scan that
@@ -194,17 +206,47 @@ impl Tracker {
     pub fn tracked(&self) -> Motion {
         let has_moved = self.since_correction != Travel::default();
         let velocity = if has_moved { self.velocity } else { Pose::IDENTITY };
-        self.corrected.then(&self.since_correction.motion(&self.motion, velocity))
+        self.corrected.then(&self.since_correction.motion(&self.noise(), velocity))
     }
 
     /// A scan has corrected the motion since the last step.
     pub fn correct(&mut self, tracked: Motion) {
         self.corrected = tracked;
+        self.is_corrected = true;
         self.since_correction = Travel::default();
+    }
+
+    /// What the odometry of this drive is worth.
+    pub fn odometry_errors(&self) -> OdometryErrors {
+        let factor = |errors: &Errors| errors.factor(self.motion.prior_motions);
+        OdometryErrors { position: factor(&self.position_errors), heading: factor(&self.heading_errors) }
+    }
+
+    fn noise(&self) -> MotionConfig {
+        let OdometryErrors { position, heading } = self.odometry_errors();
+        self.motion.scaled(position, heading)
+    }
+
+    /// Compares what odometry has measured since the last step with what the scans make of it.
+    fn learn(&mut self) {
+        if !self.is_corrected || !self.since_step.is_measured() {
+            return;
+        }
+        let odometry = self.since_step.motion(&self.motion, self.velocity);
+        let Pose { x, y, heading } = self.tracked().mean.seen_from(odometry.mean);
+        for (axis, off) in [x, y, heading].into_iter().enumerate() {
+            let (known, expected) = (self.corrected.covariance[(axis, axis)], odometry.covariance[(axis, axis)]);
+            // Where the scan knows no better than odometry, the two agree, right or wrong.
+            if known < SURE * SURE * expected {
+                let errors = if axis == 2 { &mut self.heading_errors } else { &mut self.position_errors };
+                errors.add(off / expected.sqrt());
+            }
+        }
     }
 
     /// A step was taken here.
     pub fn begin_step(&mut self) {
+        self.learn();
         let now = self.tracked().mean;
         self.stall = self.stall.map(|stall| {
             let stalled = stall.tracked.seen_from(now);
@@ -212,6 +254,7 @@ impl Tracker {
         });
         self.since_step = Travel::default();
         self.correct(Motion::none());
+        self.is_corrected = false;
     }
 
     /// Stamps \[s\] of the odometry that no robot can have driven, in the order of the log.
@@ -232,6 +275,7 @@ mod tests {
         position_floor: 0.01,
         heading_floor: 0.01,
         stamp_error: 0.0,
+        prior_motions: f64::INFINITY,
     };
 
     /// Half a metre a second, a reading each tenth of one; `spoil` changes odometry.
