@@ -1,14 +1,19 @@
 //! The places where the robot may be, and whether an estimate can be relied on.
 
 use super::bins::{BIN, bin};
+use super::clouds::{Clouds, LIGHTEST_CLOUD};
+use super::{Localization, Located};
 use crate::evaluator::Weighed;
+use crate::evaluator::cholesky::unpacked;
+use crate::evaluator::tiles::Tile;
 use crate::geometry::Pose;
 use crate::motion::Motion;
+use crate::report::Confidence;
 use nalgebra::{Matrix3, Point2, Vector3};
 use std::collections::HashMap;
 
 /// No pose is taken to be known better than this in (forward, sideways, heading): standard deviations \[m, m, rad\].
-pub(super) const BEST_KNOWN: Vector3<f64> = Vector3::new(0.05, 0.05, 0.02);
+const BEST_KNOWN: Vector3<f64> = Vector3::new(0.05, 0.05, 0.02);
 /// The 99 % quantile of the χ² distribution of three degrees of freedom.
 const CHI2_99_3DOF: f64 = 11.345;
 /// Particles this close to its mean belong to a cloud \[m, rad\].
@@ -114,7 +119,7 @@ impl Place {
 
 /// The evidence for a place after one more step: the bounded sum over the steps of the share of the scan that the map explains,
 /// less the share that is `enough`. This is a sequential test of the place against one that explains just enough.
-pub(super) fn evidence(before: f64, explained: f64, enough: f64) -> f64 {
+fn evidence(before: f64, explained: f64, enough: f64) -> f64 {
     (before + explained - enough).clamp(-MAX_EVIDENCE, MAX_EVIDENCE)
 }
 
@@ -124,7 +129,7 @@ pub(super) fn evidence(before: f64, explained: f64, enough: f64) -> f64 {
 /// step: of two places that look the same to the robot, the one that is mapped slightly better would win. So a place where the
 /// map explains `enough` of the scan loses no weight against the best one, and others lose only by what is missing to that.
 /// `most` is the largest log-likelihood ratio that the map can give a scan.
-pub(super) fn held_back(places: &[Place], most: f64, enough: f64) -> Vec<f64> {
+fn held_back(places: &[Place], most: f64, enough: f64) -> Vec<f64> {
     let gain = |place: &Place| (place.weight / place.share).ln();
     let best = places.iter().map(gain).fold(f64::NEG_INFINITY, f64::max);
     let factor = |place: &Place| {
@@ -137,6 +142,86 @@ pub(super) fn held_back(places: &[Place], most: f64, enough: f64) -> Vec<f64> {
         (behind - counts).exp()
     };
     places.iter().map(factor).collect()
+}
+
+impl Localization {
+    /// Evaluates every place where the robot may be, corrects the weights, and judges the heaviest.
+    pub(super) fn estimate(
+        &mut self,
+        weighed: &[Weighed],
+        weights: &mut [f64],
+        clouds: &Clouds,
+        tiles: &[Tile],
+    ) -> Located {
+        let mut places: Vec<Place> =
+            clouds.clouds.iter().map(|members| self.place(members, weighed, weights, tiles)).collect();
+        let most = self.config.temper * self.walls.most(tiles);
+        let held = held_back(&places, most, self.config.located_explained);
+        for ((place, members), factor) in places.iter_mut().zip(&clouds.clouds).zip(held) {
+            place.scale(factor);
+            members.iter().for_each(|&number| weights[number as usize] *= factor);
+        }
+        let total: f64 = weights.iter().sum();
+        weights.iter_mut().for_each(|weight| *weight /= total);
+        places.iter_mut().for_each(|place| place.scale(1.0 / total));
+
+        let fit = places.iter().map(|place| place.explained).fold(0.0, f64::max);
+        let is_alone = places.iter().filter(|place| place.weight >= LIGHTEST_CLOUD).count() <= 1;
+        let heaviest = places.into_iter().reduce(|a, b| if b.weight > a.weight { b } else { a });
+        let heaviest = heaviest.unwrap_or_else(|| self.evaluate(&Cloud::heaviest(weighed, weights), 0.0, tiles));
+        self.from_anywhere = self.recovery.update(fit.max(heaviest.explained));
+        self.judge(&heaviest, is_alone)
+    }
+
+    /// The place of a cloud. All particles of the cloud take over its evidence.
+    fn place(&mut self, members: &[u32], weighed: &[Weighed], weights: &[f64], tiles: &[Tile]) -> Place {
+        let of = |numbers: &[f64]| members.iter().map(|&number| numbers[number as usize]).collect::<Vec<f64>>();
+        let particles: Vec<Weighed> = members.iter().map(|&number| weighed[number as usize]).collect();
+        let (weights, shares, evidence) = (of(weights), of(&self.shares), of(&self.evidence));
+        let share: f64 = shares.iter().sum();
+        let before = shares.iter().zip(evidence).map(|(share, evidence)| share * evidence).sum::<f64>() / share;
+        let cloud = Cloud::heaviest(&particles, &weights);
+        let place = Place { share, weight: weights.iter().sum(), ..self.evaluate(&cloud, before, tiles) };
+        members.iter().for_each(|&number| self.evidence[number as usize] = place.evidence);
+        place
+    }
+
+    /// The MAP estimate of the pose near a cloud, by Gauss-Newton steps from its mean, with the evidence for it; `before` is the
+    /// evidence up to the last step.
+    pub(super) fn evaluate(&mut self, cloud: &Cloud, before: f64, tiles: &[Tile]) -> Place {
+        // The few particles of a cloud may coincide.
+        let mode = self.climb(cloud.mean, &(cloud.covariance + best_known(1.0)), tiles, false);
+        let world_from_robot = mode.pose.in_world(self.walls.table.anchor());
+        let explained = self.walls.explained(world_from_robot, f64::from(mode.log_likelihood), tiles);
+        let evidence = evidence(before, explained, self.config.located_explained);
+        let covariance = unpacked(mode.information).try_inverse().unwrap_or(cloud.covariance) + best_known(1.0);
+        Place {
+            world_from_robot,
+            covariance,
+            share: 1.0,
+            weight: cloud.weight,
+            concentrated: cloud.weight,
+            explained,
+            evidence,
+        }
+    }
+
+    /// Takes a place for the estimate, and decides whether it can be relied on.
+    pub(super) fn judge(&mut self, place: &Place, is_alone: bool) -> Located {
+        self.best_evidence = place.evidence;
+        let is_located =
+            is_alone && self.is_expected(place.world_from_robot) && place.is_sure(self.config.located_explained);
+        let confidence = Confidence { weight: place.concentrated, explained: place.explained, is_located };
+        Located { world_from_robot: place.world_from_robot, covariance: place.covariance, confidence }
+    }
+
+    /// Whether the robot can have moved here since the last step. An estimate that jumps shows a wrong place that resembles the
+    /// right one. In a map of inexact walls estimates jump everywhere, so the test is wider there.
+    pub(super) fn is_expected(&self, world_from_robot: Pose) -> bool {
+        let Some(last) = self.last else { return true };
+        let times = (self.walls.sigma() / BEST_KNOWN.x).max(1.0);
+        is_plausible(world_from_robot.seen_from(last.world_from_robot), &self.tracker.by_odometry(), best_known(times))
+    }
 }
 
 #[cfg(test)]

@@ -34,9 +34,9 @@ use crate::report::{
 use crate::scan::Scan;
 use crate::tracking::Tracker;
 use bins::BIN;
-use clouds::{Clouds, LIGHTEST_CLOUD};
+use clouds::Clouds;
 use drawing::{Drawn, in_order};
-use estimate::{BEST_KNOWN, Cloud, Place, best_known, evidence, held_back, is_plausible};
+use estimate::{best_known, is_plausible};
 use nalgebra::{Matrix3, Point2};
 use walls::Walls;
 
@@ -260,70 +260,6 @@ impl Localization {
         }
     }
 
-    /// Evaluates every place where the robot may be, corrects the weights, and judges the heaviest.
-    fn estimate(&mut self, weighed: &[Weighed], weights: &mut [f64], clouds: &Clouds, tiles: &[Tile]) -> Located {
-        let mut places: Vec<Place> =
-            clouds.clouds.iter().map(|members| self.place(members, weighed, weights, tiles)).collect();
-        let most = self.config.temper * self.walls.most(tiles);
-        let held = held_back(&places, most, self.config.located_explained);
-        for ((place, members), factor) in places.iter_mut().zip(&clouds.clouds).zip(held) {
-            place.scale(factor);
-            members.iter().for_each(|&number| weights[number as usize] *= factor);
-        }
-        let total: f64 = weights.iter().sum();
-        weights.iter_mut().for_each(|weight| *weight /= total);
-        places.iter_mut().for_each(|place| place.scale(1.0 / total));
-
-        let fit = places.iter().map(|place| place.explained).fold(0.0, f64::max);
-        let is_alone = places.iter().filter(|place| place.weight >= LIGHTEST_CLOUD).count() <= 1;
-        let heaviest = places.into_iter().reduce(|a, b| if b.weight > a.weight { b } else { a });
-        let heaviest = heaviest.unwrap_or_else(|| self.evaluate(&Cloud::heaviest(weighed, weights), 0.0, tiles));
-        self.from_anywhere = self.recovery.update(fit.max(heaviest.explained));
-        self.judge(&heaviest, is_alone)
-    }
-
-    /// The place of a cloud. All particles of the cloud take over its evidence.
-    fn place(&mut self, members: &[u32], weighed: &[Weighed], weights: &[f64], tiles: &[Tile]) -> Place {
-        let of = |numbers: &[f64]| members.iter().map(|&number| numbers[number as usize]).collect::<Vec<f64>>();
-        let particles: Vec<Weighed> = members.iter().map(|&number| weighed[number as usize]).collect();
-        let (weights, shares, evidence) = (of(weights), of(&self.shares), of(&self.evidence));
-        let share: f64 = shares.iter().sum();
-        let before = shares.iter().zip(evidence).map(|(share, evidence)| share * evidence).sum::<f64>() / share;
-        let cloud = Cloud::heaviest(&particles, &weights);
-        let place = Place { share, weight: weights.iter().sum(), ..self.evaluate(&cloud, before, tiles) };
-        members.iter().for_each(|&number| self.evidence[number as usize] = place.evidence);
-        place
-    }
-
-    /// The MAP estimate of the pose near a cloud, by Gauss-Newton steps from its mean, with the evidence for it; `before` is the
-    /// evidence up to the last step.
-    fn evaluate(&mut self, cloud: &Cloud, before: f64, tiles: &[Tile]) -> Place {
-        // The few particles of a cloud may coincide.
-        let mode = self.climb(cloud.mean, &(cloud.covariance + best_known(1.0)), tiles, false);
-        let world_from_robot = mode.pose.in_world(self.walls.table.anchor());
-        let explained = self.walls.explained(world_from_robot, f64::from(mode.log_likelihood), tiles);
-        let evidence = evidence(before, explained, self.config.located_explained);
-        let covariance = unpacked(mode.information).try_inverse().unwrap_or(cloud.covariance) + best_known(1.0);
-        Place {
-            world_from_robot,
-            covariance,
-            share: 1.0,
-            weight: cloud.weight,
-            concentrated: cloud.weight,
-            explained,
-            evidence,
-        }
-    }
-
-    /// Takes a place for the estimate, and decides whether it can be relied on.
-    fn judge(&mut self, place: &Place, is_alone: bool) -> Located {
-        self.best_evidence = place.evidence;
-        let is_located =
-            is_alone && self.is_expected(place.world_from_robot) && place.is_sure(self.config.located_explained);
-        let confidence = Confidence { weight: place.concentrated, explained: place.explained, is_located };
-        Located { world_from_robot: place.world_from_robot, covariance: place.covariance, confidence }
-    }
-
     /// The mode of the posterior of the scan near a pose in the evaluator's frame; the prior's covariance is of (forward,
     /// sideways, heading) in the frame of that pose. With heavy tails, starts cover gross errors of odometry too.
     fn climb(&mut self, mean: Pose, covariance: &Matrix3<f64>, tiles: &[Tile], is_heavy_tailed: bool) -> Mode {
@@ -348,14 +284,6 @@ impl Localization {
         let maps = [self.walls.table.near(&self.walls.slots[0], mean.x, mean.y, reach)];
         let scene = Scene { table: &self.walls.table, tiles, maps: &maps };
         best_mode(self.evaluator.propagate(&scene, &how)).unwrap_or_default()
-    }
-
-    /// Whether the robot can have moved here since the last step. An estimate that jumps shows a wrong place that resembles the
-    /// right one. In a map of inexact walls estimates jump everywhere, so the test is wider there.
-    fn is_expected(&self, world_from_robot: Pose) -> bool {
-        let Some(last) = self.last else { return true };
-        let times = (self.walls.sigma() / BEST_KNOWN.x).max(1.0);
-        is_plausible(world_from_robot.seen_from(last.world_from_robot), &self.tracker.by_odometry(), best_known(times))
     }
 
     /// Replaces the particles, sorted by place, and sets the thickness of walls to their spacing. Returns the parent of each.
@@ -416,6 +344,7 @@ impl Estimator for Localization {
 
 #[cfg(test)]
 mod tests {
+    use super::estimate::Cloud;
     use super::*;
     use crate::grid::{Cell, OccupancyGrid};
     use crate::motion::MotionConfig;
