@@ -65,8 +65,8 @@ pub struct Estimate {
     pub odom_from_robot: Pose,
     /// The MAP estimate of the pose; `None` before the first scan.
     pub world_from_robot: Option<Pose>,
-    /// Filtered covariance, by the readings up to this one: of (x \[m\], y \[m\], heading \[rad\]) along the world's axes, as [`Slam`](crate::slam::Slam) and [`Localization`](crate::localization::Localization)
-    /// define it. `None` without a pose.
+    /// Filtered covariance, by the readings up to this one: of (x \[m\], y \[m\], heading \[rad\]) along the world's axes,
+    /// as [`Slam`](crate::slam::Slam) and [`Localization`](crate::localization::Localization) define it. `None` without a pose.
     pub covariance: Option<Matrix3<f64>>,
     /// How far the pose can be relied on, in a known map; `None` in mapping.
     pub confidence: Option<Confidence>,

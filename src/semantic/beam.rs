@@ -49,7 +49,7 @@ pub struct Beam<'a> {
     log_new: f64,
     count: usize,
     branches: usize,
-    /// The likeliest first.
+    /// The most likely first.
     hypotheses: Vec<Hypothesis>,
     past: Vec<Past>,
     /// All hypotheses of each keyframe.
@@ -102,7 +102,7 @@ impl<'a> Beam<'a> {
         }
     }
 
-    /// Of the likeliest hypothesis, its past: the last keyframe first.
+    /// Of the most likely hypothesis, its past: the last keyframe first.
     fn history(&self) -> impl Iterator<Item = &Past> {
         let past = |place: Option<usize>| self.past.get(place?);
         let last = self.hypotheses.first().and_then(|best| past(best.past));
@@ -193,7 +193,7 @@ fn children(parents: Vec<Hypothesis>, branches: &[(usize, Branch)]) -> Vec<Hypot
     branches.iter().enumerate().filter_map(take).collect()
 }
 
-/// The likeliest branch of each neighbourhood, the likeliest first, and at most `count`.
+/// The most likely branch of each neighbourhood, the most likely first, and at most `count`.
 fn select(mut all: Vec<(usize, Branch)>, count: usize) -> Vec<(usize, Branch)> {
     all.sort_by(|(_, a), (_, b)| b.log_likelihood.total_cmp(&a.log_likelihood));
     let mut kept: Vec<(usize, Branch)> = Vec::new();

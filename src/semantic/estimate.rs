@@ -18,7 +18,7 @@ pub struct Landmark {
 }
 
 impl Landmark {
-    /// The likeliest class.
+    /// The most likely class.
     pub fn class(&self) -> usize {
         let likeliest = self.classes.iter().enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b));
         likeliest.map_or(0, |(class, _)| class)

@@ -1,4 +1,4 @@
-//! M step (eq. 6): the likeliest path, calibration and landmarks, given the weights.
+//! M step (eq. 6): the most likely path, calibration and landmarks, given the weights.
 
 use super::SemanticError;
 use super::estimate::Estimate;
