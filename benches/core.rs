@@ -16,7 +16,7 @@ use ipslam::report::{Estimator as _, Event};
 use ipslam::scan::{Scan, ScanConfig};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 use workload::{FLOP, Workload, instructions, peak_flops};
@@ -44,12 +44,9 @@ fn walls(count: usize) -> Vec<Cluster> {
     let columns = (count as f64).sqrt().ceil() as usize;
     let at = |i: usize| 3.0 * (i as f64 - 0.5 * columns as f64);
     (0..count)
-        .map(|i| Cluster {
-            mean: Point2::new(at(i % columns), at(i / columns)),
-            direction: if i % 2 == 0 { nalgebra::Vector2::x() } else { nalgebra::Vector2::y() },
-            along_variance: 4.0 / 12.0,
-            across_variance: 1e-4,
-            count: 100.0,
+        .map(|i| {
+            let (middle, half) = (Point2::new(at(i % columns), at(i / columns)), [Vector2::x(), Vector2::y()][i % 2]);
+            Cluster::wall(middle - half, middle + half, 0.01, 100.0)
         })
         .collect()
 }

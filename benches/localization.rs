@@ -11,7 +11,7 @@ use ipslam::evaluator::Evaluator;
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::io::{carmen::CarmenLog, map_json, tum};
 use ipslam::localization::{Localization, LocalizationConfig};
-use ipslam::log::{LogEntry, LogSource};
+use ipslam::log::{LogEntry, readings};
 use ipslam::report::{Estimator as _, Event};
 use std::path::Path;
 use std::time::Instant;
@@ -92,19 +92,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Every entry, with the pose of the trajectory at the same reading.
+/// Every reading, with its pose of the trajectory.
 fn entries(log: &CarmenLog, trajectory: &[StampedPose]) -> Result<Vec<Entry>, Box<dyn std::error::Error>> {
-    let mut poses = trajectory.iter();
-    let mut entries = Vec::new();
-    for entry in log.open()? {
-        let entry = entry?;
-        if matches!(entry, LogEntry::Truth { .. }) {
-            continue;
-        }
-        let Some(pose) = poses.next() else { break };
-        entries.push((entry, pose.pose));
-    }
-    Ok(entries)
+    let posed = readings(log)?.zip(trajectory);
+    posed.map(|(reading, pose)| Ok((reading?.1, pose.pose))).collect()
 }
 
 #[cfg(feature = "gpu")]

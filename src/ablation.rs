@@ -1,4 +1,4 @@
-//! The paper's own rules in place of ours: what has to be switched to see what each departure from the paper is worth.
+//! Ablations: switches that replace each departure from the paper by the paper's own rule.
 
 use crate::parameters::parameters;
 use serde::{Deserialize, Serialize};

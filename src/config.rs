@@ -1,4 +1,4 @@
-//! What a run was set to do: mapping walls, localisation, or mapping objects, each with its own configuration.
+//! The configuration of a run: of mapping walls, of localisation, or of mapping objects.
 
 pub use crate::localization::LocalizationConfig;
 pub use crate::parameters::ConfigError;
@@ -6,15 +6,15 @@ pub use crate::semantic::SemanticConfig;
 pub use crate::slam::SlamConfig;
 use serde::{Deserialize, Serialize};
 
-/// The configuration of a run, and with it what the run is for.
+/// The task of a run with its configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Config {
-    /// Finding path and map.
+    /// Mapping walls.
     Slam(SlamConfig),
-    /// Finding the robot in a map that is known.
+    /// Localisation in a known map.
     Localization(LocalizationConfig),
-    /// Finding path and objects.
+    /// Mapping objects.
     Semantic(SemanticConfig),
 }
 

@@ -1,6 +1,6 @@
-//! What a detector of objects saw, and what the robot's odometry tells beside it: the input of semantic SLAM.
+//! Detections of objects, with the robot's odometry: the input of semantic SLAM.
 //!
-//! A detection is an object of some class at a range and a bearing; which object it is, nobody tells. The detections
+//! A detection is an object of some class at a range and a bearing; its identity is not known. The detections
 //! of one moment are a [`Frame`]. A [`Recording`] holds all frames, the odometry, and what is known about both
 //! sensors.
 

@@ -45,7 +45,7 @@ impl ImuBias {
 }
 
 parameters! {
-    /// Noise of a sensor, as data sheets tell it. A body that vibrates, and readings that are held until the next one, add to
+    /// Noise of a sensor, as in data sheets. A body that vibrates, and readings that are held until the next one, add to
     /// that: the defaults are for a small sensor on such a body.
     pub struct ImuNoise {
         /// Density of the gyroscope's noise \[rad/s/√Hz\].

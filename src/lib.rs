@@ -1,8 +1,8 @@
 //! 2-D laser SLAM whose map is a few hundred Gaussian line clusters.
 //!
 //! # The problem
-//! A robot drives through a building it does not know. Its odometry, which drifts, tells the motions u₁..uₜ; its laser
-//! tells the scans z₁..zₜ. Wanted are the path x₁..xₜ and the map m, by their posterior density
+//! A robot drives through a building it does not know. Its odometry, which drifts, measures the motions u₁..uₜ; its laser
+//! measures the scans z₁..zₜ. Wanted are the path x₁..xₜ and the map m, by their posterior density
 //!
 //! p(x₁..xₜ, m | z₁..zₜ, u₁..uₜ) = p(m | x₁..xₜ, z₁..zₜ) · p(x₁..xₜ | z₁..zₜ, u₁..uₜ).
 //!
@@ -35,7 +35,7 @@
 //! | [`math`] | logarithm, sine and cosine, the same on every device | |
 //! | [`random`] | draws that depend on seed, step, particle and draw number alone | |
 //! | [`ablation`] | the paper's own rules in place of ours | |
-//! | [`inertial`] | what gyroscope and accelerometer say about a motion | |
+//! | [`inertial`] | motions by gyroscope and accelerometer, preintegrated | |
 //! | [`association`] | which detections of a frame show which landmarks | |
 //! | [`factor_graph`] | the most likely values of many variables, and how well they are known | |
 //! | [`log`] | readings, and where they come from | |
@@ -55,9 +55,10 @@
 //! | [`semantic`] | semantic SLAM by expectation maximisation (Bowman et al., ICRA 2017) | |
 //! | [`visual_inertial`] | the way of a camera with an inertial sensor | |
 //! | [`smoothing`] | all scans and the finished map, fitted to each other | |
+//! | [`loops`] | loops found in the older map and closed by a pose graph | |
 //! | [`slam`] | one step after the other | Table I |
 //! | [`localization`] | where the robot is in a map that is known | |
-//! | [`config`] | what a run was set to do | |
+//! | [`config`] | the configuration of a run | |
 //! | [`pipeline`] | source + estimator + observers -> result | |
 //! | [`io`] | files in and out: logs, detections, trajectories, relations, `map.json`, grids of ROS, GeoJSON | |
 //! | [`simulate`] | a robot in a building, as a log with known truth | |

@@ -1,7 +1,7 @@
 //! Readings of the robot's sensors in the order in which they were recorded, and where they come from.
 //!
 //! A log is a sequence of [`LogEntry`]s. Stamps may go backwards in it (the recorders of public logs stamped some messages
-//! late), so the order of the entries is the true order and a stamp is the name of a reading. A log is streamed, never
+//! late), so the order of the entries is the true order, and stamps identify readings. A log is streamed, never
 //! read whole, and can be opened again for a second pass.
 
 use crate::geometry::Pose;
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// One entry of a log.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LogEntry {
-    /// Where odometry believes the robot to be.
+    /// Pose by odometry.
     Odometry {
         /// Seconds.
         stamp: f64,
@@ -28,6 +28,21 @@ pub enum LogEntry {
     },
 }
 
+impl LogEntry {
+    /// Seconds.
+    pub fn stamp(&self) -> f64 {
+        match self {
+            Self::Odometry { stamp, .. } | Self::Truth { stamp, .. } => *stamp,
+            Self::Laser(reading) => reading.stamp,
+        }
+    }
+
+    /// Whether it is a reading of the robot's sensors: the k-th reading of a log has the k-th pose of a result.
+    pub fn is_reading(&self) -> bool {
+        !matches!(self, Self::Truth { .. })
+    }
+}
+
 /// One sweep of a laser as it was recorded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LaserReading {
@@ -38,7 +53,7 @@ pub struct LaserReading {
     /// Where the laser is mounted.
     pub robot_from_laser: Pose,
     /// The motion of the robot during the sweep: its pose at the last beam, seen from that at the first, which is the reading's.
-    /// The identity where the sweep took no time, or nothing tells.
+    /// The identity if the sweep took no time or its duration is unknown.
     pub start_from_end: Pose,
     /// Angle of the first beam in the laser's frame \[rad\].
     pub first_angle: f64,
@@ -50,7 +65,7 @@ pub struct LaserReading {
     pub ranges: Vec<f64>,
 }
 
-/// What a reader met besides the entries that it handed out.
+/// Statistics of a reader: what it read and what it left out.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct LogStats {
     /// Lines read, comments included; messages, where the log is a bag.
@@ -63,19 +78,17 @@ pub struct LogStats {
     pub skipped: std::collections::BTreeMap<String, u64>,
     /// Lines, or messages and chunks of a bag, that could not be read and were left out.
     pub malformed: u64,
-    /// The first of these: what was wrong with it, with file and line.
+    /// The reason of the first of these, with file and line.
     pub first_malformed: Option<String>,
     /// Laser readings that came before any odometry; they carry the identity pose. In a bag, also those more than a
     /// second from the nearest odometry; where there is any, they carry the nearest.
     pub laser_without_odometry: u64,
-    /// Laser readings of a bag that does not tell where the laser is mounted; it is taken to be at the robot's origin
-    /// and to look forward.
+    /// Laser readings of a bag without the pose of the laser; it is taken to be at the robot's origin, facing forward.
     pub laser_without_mounting: u64,
     /// Scans and odometry of a bag are stamped by clocks that differ by so much \[s\]; the times at which the bag's writer
     /// received them counted in place of the stamps.
     pub clocks_differ: Option<f64>,
-    /// Laser readings that do not tell the angles of their beams, of a laser that is not known by their number: 180° were
-    /// assumed.
+    /// Laser readings without the angles of their beams, whose number is that of no known laser: 180° were assumed.
     pub guessed_angles: u64,
     /// Stamps lower than the one before.
     pub backward_stamps: u64,
@@ -89,19 +102,13 @@ const OTHER_NAMES: &str = "(others)";
 impl LogStats {
     /// Counts an entry that is handed out; `last_stamp` is that of the entry before.
     pub(crate) fn add(&mut self, entry: &LogEntry, last_stamp: &mut f64) {
-        let stamp = match entry {
-            LogEntry::Odometry { stamp, .. } => {
-                self.odometry += 1;
-                *stamp
-            }
-            LogEntry::Laser(reading) => {
-                self.laser += 1;
-                reading.stamp
-            }
-            LogEntry::Truth { stamp, .. } => *stamp,
-        };
-        self.backward_stamps += u64::from(stamp < *last_stamp);
-        *last_stamp = stamp;
+        match entry {
+            LogEntry::Odometry { .. } => self.odometry += 1,
+            LogEntry::Laser(_) => self.laser += 1,
+            LogEntry::Truth { .. } => {}
+        }
+        self.backward_stamps += u64::from(entry.stamp() < *last_stamp);
+        *last_stamp = entry.stamp();
     }
 
     /// Counts what was left out at the last line read.
@@ -148,7 +155,7 @@ pub trait LogReader: Iterator<Item = Result<LogEntry, LogError>> + Send {
 /// # Errors
 /// The log cannot be opened; each item, as [`LogReader`].
 pub fn readings(source: &dyn LogSource) -> Result<impl Iterator<Item = Result<(usize, LogEntry), LogError>>, LogError> {
-    let entries = source.open()?.filter(|entry| !matches!(entry, Ok(LogEntry::Truth { .. })));
+    let entries = source.open()?.filter(|entry| entry.as_ref().map_or(true, LogEntry::is_reading));
     Ok(entries.enumerate().map(|(number, entry)| Ok((number, entry?))))
 }
 

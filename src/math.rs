@@ -1,4 +1,4 @@
-//! Logarithm, sine and cosine in f32 by polynomials, and angles: the shaders have the same ones (`shaders/shared/math.wgsl`).
+//! Logarithm, sine and cosine in f32 by polynomials, and angles; twin of `shaders/shared/math.wgsl`.
 //!
 //! What a device brings along may be coarse (WGSL asks of sin and cos no more than 2⁻¹¹, half a centimetre at a wall ten
 //! metres off), and differs from device to device.

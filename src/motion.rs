@@ -8,8 +8,8 @@ use crate::parameters::parameters;
 use nalgebra::{Matrix3, Vector3};
 
 parameters! {
-    /// How far odometry is trusted: standard deviations in proportion to the motion. The defaults are wide enough for a robot
-    /// whose heading is off by half a radian in a bad moment, such as that of the CSAIL log.
+    /// Noise of odometry: standard deviations in proportion to the motion. The defaults allow for a heading that is suddenly
+    /// off by half a radian, as in the CSAIL log.
     pub struct MotionConfig {
         /// Forward and sideways error of a travelled distance \[m/m\].
         position_per_distance: f64 = 0.05, in 0.0..=1e3;
@@ -19,9 +19,9 @@ parameters! {
         heading_per_distance: f64 = 0.2, in 0.0..=1e3;
         /// Heading error of a turn \[rad/rad\].
         heading_per_turn: f64 = 0.3, in 0.0..=1e3;
-        /// Error of a motion of nothing, forward and sideways \[m\].
+        /// Error of any motion, even of none, forward and sideways \[m\].
         position_floor: f64 = 0.005, in 1e-6..=1e3;
-        /// Error of a motion of nothing, heading \[rad\].
+        /// Error of the heading of any motion, even of none \[rad\].
         heading_floor: f64 = 0.01, in 1e-6..=1e3;
         /// Error of the stamps of odometry and scans \[s\]: times the speed it is an error of the position, times the turn rate
         /// one of the heading. Stamps are often those of receipt, and messages wait for each other.
@@ -57,7 +57,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// No motion, no doubt.
+    /// The identity, known exactly.
     pub fn none() -> Self {
         Self { mean: Pose::IDENTITY, covariance: Matrix3::zeros() }
     }
@@ -75,34 +75,35 @@ impl Motion {
     }
 }
 
-/// The way of a robot, however many readings it was cut into: where it leads to, and what its error grows with.
+/// A motion of any number of readings, and the sums that its error grows with, so that the noise does not depend on the rate of
+/// the readings.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Travel {
     /// The mean, `earlier_from_later`.
     mean: Pose,
-    /// Length of the way \[m\].
+    /// Distance travelled \[m\].
     distance: f64,
-    /// Sum of all turns, to the left or to the right \[rad\].
+    /// Sum of the absolute turns \[rad\].
     turn: f64,
-    /// Standard deviation of what nobody measured of the position, forward and sideways \[m\].
+    /// Standard deviation of the unmeasured part of the position, forward and sideways \[m\].
     unmeasured_position: f64,
-    /// Standard deviation of what nobody measured of the heading \[rad\].
+    /// Standard deviation of the unmeasured part of the heading \[rad\].
     unmeasured_heading: f64,
 }
 
 impl Travel {
-    /// A motion that odometry has measured.
+    /// A motion measured by odometry.
     pub fn measured(mean: Pose) -> Self {
         Self { mean, distance: mean.x.hypot(mean.y), turn: mean.heading.abs(), ..Self::default() }
     }
 
-    /// A guess of a motion that took `seconds` \[s\], of a robot of which nothing else is known.
+    /// A guessed motion of `seconds` \[s\] that nothing measured.
     pub fn unmeasured(mean: Pose, seconds: f64) -> Self {
         let (unmeasured_position, unmeasured_heading) = (UNMEASURED_SPEED * seconds, UNMEASURED_TURN_RATE * seconds);
         Self { mean, unmeasured_position, unmeasured_heading, ..Self::default() }
     }
 
-    /// No motion, unless odometry missed one: of a robot that moved at this `velocity` \[m/s, m/s, rad/s\], for `seconds` \[s\].
+    /// No motion, with the noise of one that odometry may have missed: at `velocity` \[m/s, m/s, rad/s\] for `seconds` \[s\].
     pub fn missed(velocity: Pose, seconds: f64) -> Self {
         Self {
             unmeasured_position: velocity.x.hypot(velocity.y) * seconds,
@@ -111,7 +112,7 @@ impl Travel {
         }
     }
 
-    /// This way and then another one.
+    /// This motion and then another one.
     pub fn then(&self, next: &Self) -> Self {
         Self {
             mean: self.mean * next.mean,
@@ -127,14 +128,14 @@ impl Travel {
         self.unmeasured_position == 0.0 && self.unmeasured_heading == 0.0
     }
 
-    /// The same way, but to another place.
+    /// The same noise with another mean.
     pub fn moved_to(self, mean: Pose) -> Self {
         Self { mean, ..self }
     }
 
-    /// The distribution of the motion (eq. 17): standard deviations grow in proportion to distance, turn and unmeasured time,
-    /// as those of a scale error do. No motion is known better than the floors, not even none, nor better than the robot moves
-    /// at this `velocity` \[m/s, m/s, rad/s\] within the error of a stamp.
+    /// The distribution of the motion (eq. 17). Standard deviations grow in proportion to distance, turn and unmeasured time, as
+    /// those of a scale error do; added to them are the floors, and the motion at this `velocity` \[m/s, m/s, rad/s\] within the
+    /// error of a stamp.
     pub fn motion(&self, config: &MotionConfig, velocity: Pose) -> Motion {
         let position = config.position_floor
             + config.stamp_error * velocity.x.hypot(velocity.y)
@@ -151,9 +152,9 @@ impl Travel {
     }
 }
 
-/// Standard deviation of the speed of a robot that nothing measures \[m/s\]: a walking pace is two of them.
+/// Standard deviation of the speed of an unmeasured motion \[m/s\]: a walking pace is two of them.
 const UNMEASURED_SPEED: f64 = 0.5;
-/// Standard deviation of its turn rate \[rad/s\]: a quarter turn a second is three of them.
+/// Standard deviation of the turn rate of an unmeasured motion \[rad/s\]: a quarter turn a second is three of them.
 const UNMEASURED_TURN_RATE: f64 = 0.5;
 
 #[cfg(test)]

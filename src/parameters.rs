@@ -10,14 +10,14 @@ pub enum ConfigError {
     /// The text is no TOML, or a key of it is unknown or of another type.
     #[error("the configuration cannot be understood: {0}")]
     Toml(#[from] toml::de::Error),
-    /// A value that cannot be.
+    /// A value out of its range.
     #[error("{name} is {value}, but has to be {expected}")]
     Value {
-        /// The key in a file, and the option where there is one.
+        /// The key in a file, with the option, if any.
         name: String,
-        /// What was asked for.
+        /// The value.
         value: String,
-        /// What is possible.
+        /// The values that are possible.
         expected: String,
     },
 }
@@ -86,7 +86,7 @@ pub(crate) fn check_seed(seed: u64) -> Result<(), ConfigError> {
         .map_err(|_| ConfigError::value("seed (option --seed)", seed, format!("at most {}", i64::MAX)))
 }
 
-/// What there is to say of one parameter.
+/// The documentation of one parameter.
 pub(crate) struct Parameter {
     pub name: &'static str,
     /// Its meaning, by lines.
@@ -96,14 +96,14 @@ pub(crate) struct Parameter {
     pub range: Option<RangeInclusive<f64>>,
 }
 
-/// A section of the configuration that tells what its parameters are.
+/// A section of the configuration that lists its parameters.
 pub(crate) trait Section {
     fn parameters() -> Vec<Parameter>;
 }
 
 impl Parameter {
     pub(crate) fn new(name: &'static str, meaning: &'static [&'static str], default: impl Serialize) -> Self {
-        // Every value of a configuration can be told in TOML.
+        // Every value of a configuration can be written in TOML.
         let default = toml::Value::try_from(default).map_or_else(|_| String::new(), |value| value.to_string());
         Self { name, meaning, default, range: None }
     }
@@ -123,7 +123,7 @@ fn in_words(range: &RangeInclusive<f64>) -> String {
     format!("{}{most}", range.start())
 }
 
-/// A section as TOML, with all that there is to say of it.
+/// A section as TOML, with its documentation.
 pub(crate) fn explained<S: Section>(section: &str) -> String {
     let parameters: String = S::parameters().iter().map(Parameter::explained).collect();
     format!("[{section}]\n{parameters}")

@@ -9,18 +9,18 @@ use crate::slam::{Slam, SlamConfig};
 use crate::smoothing::Smoother;
 use web_time::Instant;
 
-/// What a run starts with: with the entries of its log, all that it takes to run it again.
+/// What a run starts with: together with the entries of its log, everything needed to repeat it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunInfo {
     /// Name of the log.
     pub log: String,
     /// What evaluates the particles, in the words of its driver.
     pub device: String,
-    /// Everything that was set, and with it what the run is for.
+    /// The configuration, which also names the task.
     pub config: Config,
 }
 
-/// Which part of a log is run, and what comes after the filter.
+/// A run: the part of a log that the estimator gets, and the smoothing after it.
 #[derive(Clone, Copy)]
 pub struct Run<'a> {
     /// The log.
@@ -29,29 +29,29 @@ pub struct Run<'a> {
     pub skip: f64,
     /// Maximum number of laser readings.
     pub max_scans: Option<u64>,
-    /// How the result is smoothed, if it is.
+    /// How the result is smoothed; `None` leaves it as the filter found it.
     pub smoothing: Option<Smoother>,
 }
 
-/// What a run found, and what can be said of it.
+/// The result of a run, with its statistics.
 pub struct Outcome {
-    /// Smoothed if that was asked for, and could be done.
+    /// Smoothed if [`Run::smoothing`] is set and the run was not interrupted.
     pub result: RunResult,
-    /// The true poses that the log itself tells, in the frame of the log.
+    /// The true poses in the log, in its frame.
     pub truth: Vec<StampedPose>,
-    /// What the reader met.
+    /// Statistics of the reader.
     pub stats: LogStats,
-    /// What was counted.
+    /// Counts of readings, points and steps.
     pub counts: Counts,
     /// Readings of the log before the first pose of the result.
     pub skipped: usize,
     /// Why the run ended.
     pub end: End,
-    /// Seconds that the filter took.
+    /// Run time of the filter \[s\].
     pub filter_seconds: f64,
-    /// Seconds that smoothing took.
+    /// Run time of smoothing \[s\].
     pub smoothing_seconds: f64,
-    /// What kept smoothing from being finished.
+    /// Why smoothing failed, if it did.
     pub smoothing: Result<(), LogError>,
     /// Why the CPU took over from the device.
     pub evaluator_failure: Option<String>,
@@ -64,19 +64,19 @@ pub enum End {
     Log,
     /// The maximum number of scans was reached.
     MaxScans,
-    /// The caller wanted no more.
+    /// The caller interrupted it.
     Interrupted,
     /// The log cannot be read any further.
     BrokeOff(LogError),
 }
 
-/// How far a run is.
+/// Progress of a run.
 pub enum Progress<'a> {
-    /// The estimator has an entry more.
+    /// The estimator has taken in another entry.
     Entry {
-        /// Bytes of the log that are read, and all; `None` if the source is no file.
+        /// Bytes of the log that were read, and its size in bytes; `None` if the source is no file.
         bytes: Option<(u64, u64)>,
-        /// What was counted until now.
+        /// The counts so far.
         counts: &'a Counts,
     },
     /// The result is smoothed; the share that is done, 0 to 1.
@@ -84,16 +84,16 @@ pub enum Progress<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// A whole log, its result as the filter leaves it.
+    /// A run of a whole log, without smoothing.
     pub fn of(source: &'a dyn LogSource) -> Self {
         Self { source, skip: 0.0, max_scans: None, smoothing: None }
     }
 
-    /// Runs. `goes_on` is asked after each entry; where it says no, the run ends with what it has, unsmoothed. While the
-    /// result is smoothed its answer does not count.
+    /// Runs the estimator over the log. `goes_on` is called after each entry; if it returns false, the run ends with the result so
+    /// far, unsmoothed. During smoothing it is called with the progress only, and what it returns is ignored.
     ///
     /// # Errors
-    /// The log cannot be opened. One that breaks off is an [`End`], so that nothing found until then is lost.
+    /// The log cannot be opened. Where reading breaks off later, [`Outcome::end`] holds the error, and the result so far is kept.
     pub fn run(
         &self,
         estimator: &mut dyn Estimator,
@@ -113,16 +113,10 @@ impl<'a> Run<'a> {
                 Some(Err(error)) => break End::BrokeOff(error),
                 Some(Ok(entry)) => entry,
             };
-            let stamp = match &entry {
-                LogEntry::Odometry { stamp, .. } => *stamp,
-                LogEntry::Laser(reading) => reading.stamp,
-                LogEntry::Truth { stamp, world_from_robot } => {
-                    truth.push(StampedPose { stamp: *stamp, pose: *world_from_robot });
-                    *stamp
-                }
-            };
-            let is_reading = !matches!(entry, LogEntry::Truth { .. });
-            if is_reading && counts.readings == 0 && stamp - *first_stamp.get_or_insert(stamp) < self.skip {
+            let stamp = entry.stamp();
+            if let LogEntry::Truth { world_from_robot, .. } = entry {
+                truth.push(StampedPose { stamp, pose: world_from_robot });
+            } else if counts.readings == 0 && stamp - *first_stamp.get_or_insert(stamp) < self.skip {
                 skipped += 1;
                 continue;
             }
@@ -174,7 +168,7 @@ pub fn map(source: &dyn LogSource, config: &SlamConfig) -> Result<RunResult, Log
     }
 }
 
-/// What is counted of a run.
+/// Counts of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Counts {
     /// Odometry and laser readings.
@@ -203,27 +197,22 @@ pub struct Counts {
     pub effective_last: f64,
     /// Particles of each step.
     pub particles: Vec<usize>,
-    /// Where the time of all steps went.
+    /// Seconds of all steps by stage.
     pub times: StageTimes,
     /// Seconds of the first step, all stages.
     pub first_step_seconds: f64,
-    /// Whether the robot is located by the last reading, in a known map.
+    /// Whether the robot is located at the last reading, in a known map.
     pub is_located: bool,
-    /// The first stamp and the greatest since: stamps that go backwards take no time away.
+    /// The first stamp and the largest one.
     first_and_latest_stamp: Option<(f64, f64)>,
 }
 
 impl Counts {
     fn add(&mut self, event: &Event<'_>) {
         match event {
-            Event::Entry(LogEntry::Truth { stamp, .. }) => self.add_stamp(*stamp),
-            Event::Entry(LogEntry::Odometry { stamp, .. }) => {
-                self.readings += 1;
-                self.add_stamp(*stamp);
-            }
-            Event::Entry(LogEntry::Laser(reading)) => {
-                self.readings += 1;
-                self.add_stamp(reading.stamp);
+            Event::Entry(entry) => {
+                self.readings += u64::from(entry.is_reading());
+                self.add_stamp(entry.stamp());
             }
             Event::Scan(scan) => {
                 self.scans += 1;

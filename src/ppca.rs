@@ -92,6 +92,20 @@ impl Cluster {
         moments.fit()
     }
 
+    /// A wall from `a` to `b`, known to `across` \[m\] and seen in `count` points that lie evenly along it: the variance along
+    /// it is length² / 12.
+    pub fn wall(a: impl Into<Point2<f64>>, b: impl Into<Point2<f64>>, across: f64, count: f64) -> Self {
+        let (a, b) = (a.into(), b.into());
+        let way = b - a;
+        Self {
+            mean: nalgebra::center(&a, &b),
+            direction: way.normalize(),
+            along_variance: way.norm_squared() / 12.0,
+            across_variance: across * across,
+            count,
+        }
+    }
+
     /// The moments of the points that this cluster stands for.
     pub fn moments(&self) -> Moments {
         Moments { count: self.count, mean: self.mean.coords, scatter: self.covariance() * self.count }
@@ -311,6 +325,6 @@ mod tests {
         let cluster =
             Cluster::fit((0..count).map(|i| Point2::new(4.0 * f64::from(i) / f64::from(count - 1), 1.0))).unwrap();
         let [a, b] = cluster.endpoints();
-        assert!((a - b).norm() - 4.0 < 1e-3 && (cluster.length() - 4.0).abs() < 1e-3, "{a} {b}");
+        assert!(((a - b).norm() - 4.0).abs() < 1e-3 && (cluster.length() - 4.0).abs() < 1e-3, "{a} {b}");
     }
 }

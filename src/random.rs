@@ -2,7 +2,8 @@
 //!
 //! Philox4x32-10 (Salmon, Moraes, Dror, Shaw: Parallel random numbers: as easy as 1, 2, 3; SC 2011). The key is the
 //! seed, the counter is (step, particle, draw, 0), so any draw can be made anywhere, in any order, by any number of
-//! threads, and comes out the same. It needs 32-bit products only, which a shader can do too.
+//! threads, and comes out the same. It needs 32-bit products only, which a shader can do too; twin of
+//! `shaders/shared/random.wgsl`.
 
 use crate::math::{ln, sin_cos};
 

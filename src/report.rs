@@ -36,10 +36,10 @@ pub enum Event<'a> {
 
 /// Receives every event of a run. Errors are the observer's own to report: they never stop a run.
 pub trait Observer {
-    /// Takes note of an event.
+    /// Handles an event.
     fn on_event(&mut self, event: &Event<'_>);
 
-    /// What kept it from doing its work, if anything did.
+    /// Why the observer failed, if it did.
     fn failure(&self) -> Option<&str> {
         None
     }
@@ -50,10 +50,10 @@ pub trait Estimator {
     /// Takes in the next entry of a log, in the order of the log; reports the scan, step and pose that follow from it.
     fn add(&mut self, entry: &LogEntry, observe: &mut dyn FnMut(&Event<'_>));
 
-    /// What was found so far; empty lists before the first reading.
+    /// The result so far; empty before the first reading.
     fn result(&self) -> RunResult;
 
-    /// Why the CPU took over from the evaluator that the filter was given.
+    /// Why the CPU took over from the filter's evaluator; `None` if it did not.
     fn evaluator_failure(&self) -> Option<&DeviceError>;
 }
 
@@ -66,11 +66,10 @@ pub struct Estimate {
     pub odom_from_robot: Pose,
     /// The MAP estimate of the pose; `None` before the first scan.
     pub world_from_robot: Option<Pose>,
-    /// What the filter knew of the pose when it had this reading and no later one: covariance of (x \[m\], y \[m\], heading
-    /// \[rad\]) by the world's axes, as [`Slam`](crate::slam::Slam) and [`Localization`](crate::localization::Localization)
-    /// define it. `None` without a pose.
+    /// Filtered covariance, by the readings up to this one: of (x \[m\], y \[m\], heading \[rad\]) along the world's axes,
+    /// as [`Slam`](crate::slam::Slam) and [`Localization`](crate::localization::Localization) define it. `None` without a pose.
     pub covariance: Option<Matrix3<f64>>,
-    /// How far it can be relied on, where the map is known.
+    /// How far the pose can be relied on, in a known map; `None` in mapping.
     pub confidence: Option<Confidence>,
 }
 
@@ -88,7 +87,7 @@ pub struct ReportedParticle {
 pub struct StageTimes {
     /// Clustering the scan.
     pub cluster: f64,
-    /// Following the robot between steps.
+    /// Tracking the robot between steps.
     pub track: f64,
     /// Drawing the poses of all particles (eq. 17), with scan matching. In a known map part of `weigh`.
     pub propagate: f64,
@@ -138,10 +137,10 @@ pub(crate) fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
 pub struct Confidence {
     /// Share of the weight of all particles that lies around the pose.
     pub weight: f64,
-    /// Share of what the map could explain of the scan at best that it does explain from there, less the share of the
-    /// scan's points that are behind walls of the map, 0 to 1.
+    /// Gain of the scan's log-likelihood at the pose, as a share of the largest gain that the map can give, less the share of the
+    /// scan's points that are behind walls of the map; 0 to 1.
     pub explained: f64,
-    /// Whether the pose can be relied on: both were enough for some steps, at poses that the robot can have moved between.
+    /// Whether the pose can be relied on: both were large enough for several steps, at poses that the robot can have moved between.
     pub is_located: bool,
 }
 
@@ -173,7 +172,7 @@ pub struct StepReport<'a> {
     pub parents: &'a [u32],
     /// In a known map, how far the pose can be relied on.
     pub confidence: Option<Confidence>,
-    /// Where the time went.
+    /// Seconds by stage.
     pub times: StageTimes,
 }
 
@@ -192,7 +191,7 @@ impl StepReport<'_> {
     }
 }
 
-/// A place that the robot came back to.
+/// A loop: a place that the robot returned to.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Loop {
     /// Stamp of the step that came back \[s\].
@@ -205,7 +204,7 @@ pub struct Loop {
     pub older: u32,
     /// The robot at `step`, seen from where it was at `older`.
     pub older_from_robot: Pose,
-    /// How far from there the robot was thought to be \[m\].
+    /// Distance of the pose before the correction from there \[m\].
     pub correction: f64,
     /// Share of the walls of the last metres that the older map explains, less the share that lies behind its walls.
     pub explained: f64,
@@ -213,7 +212,7 @@ pub struct Loop {
     pub is_closed: bool,
 }
 
-/// What a run found.
+/// The result of a run.
 #[derive(Clone, Debug, Default)]
 pub struct RunResult {
     /// The best particle's map, or the map that is known, in the world's frame.
@@ -221,7 +220,7 @@ pub struct RunResult {
     /// The pose at every odometry and laser reading, in the order of the log: the k-th is that of the k-th entry of
     /// [`readings`](crate::log::readings).
     pub poses: Vec<Estimate>,
-    /// Stamps \[s\] of the odometry that no robot can have driven, and that was left out, in the order of the log.
+    /// Stamps \[s\] of the odometry that was refused, as no robot can have driven it, in the order of the log.
     pub refused_odometry: Vec<f64>,
     /// What the odometry of this drive is worth.
     pub odometry_errors: OdometryErrors,
@@ -267,7 +266,7 @@ impl Estimate {
     }
 }
 
-/// The bits of numbers, summed up.
+/// Checksum of the bits of numbers.
 #[derive(Default)]
 pub(crate) struct Bits(Hasher);
 

@@ -49,23 +49,23 @@ struct Hypothesis {
     path: u32,
 }
 
-/// A pose drawn for the map of a hypothesis.
+/// A pose drawn for the map of a hypothesis, and its weight.
 #[derive(Clone, Copy, Debug)]
 struct Particle {
     world_from_robot: Pose,
-    /// The mode of the posterior that it was drawn around: the particle is weighed there, because how far from it it
-    /// happened to be drawn says nothing about its map. The same pose without scan matching.
+    /// The mode of the posterior that it was drawn around. The particle is weighed there: the distance of the draw from the
+    /// mode says nothing about its map. Without scan matching, the pose itself.
     mode: Pose,
     /// ln of eq. 18 at the mode; `None` without scan matching.
     log_likelihood: Option<f64>,
-    /// Of the Laplace approximation at the mode, packed; zeros without scan matching.
+    /// Inverse covariance of the Laplace approximation at the mode, packed; zeros without scan matching.
     information: [f32; 6],
     log_weight: f64,
-    /// Log-weight that the scan added.
+    /// Tempered log-likelihood of the scan, which was added to the log-weight.
     gain: f64,
 }
 
-/// Where a reading lies: relative to the pose of a step, 0 being the start.
+/// A reading, placed relative to the pose of a step; step 0 is the start.
 #[derive(Clone, Copy, Debug)]
 struct Reading {
     stamp: f64,
@@ -76,13 +76,12 @@ struct Reading {
 
 /// The filter.
 ///
-/// The covariance of an [`Estimate`] is that of the filter when it had the reading: at a step, the mean square deviation of
-/// the particles, by their weights, from the pose that is reported, Σ wᵢ (xᵢ - x) (xᵢ - x)ᵀ; where there is only one, the
-/// Laplace approximation at its mode, as wide as particles are drawn. Between steps, that and what tracking leaves open since
-/// (the inverse of the information of the last match, and odometry's noise since), carried to the reading. It tells
-/// how well the pose is known in the map around the robot, not in the world: what all particles have wrong alike, such as a
-/// heading that one of their ancestors had wrong at the start, none of them shows; with one map there is no drift in it at all.
-/// Smoothing moves poses and leaves covariances as they are.
+/// The covariance of an [`Estimate`] is that of the filter at the time of the reading. At a step it is the weighted mean square
+/// deviation of the particles from the reported pose, Σ wᵢ (xᵢ - x) (xᵢ - x)ᵀ; of a single particle, the Laplace approximation
+/// at its mode, scaled as the draws are. Between steps, the covariance of the motion since the step is added (the inverse
+/// information of the last scan match, and the noise of the odometry after it). It describes how well the pose is known in the
+/// map around the robot, not in the world: errors that all particles share, such as the heading of a common ancestor, do not
+/// show in it, and with one map it contains no drift at all. Smoothing moves poses and does not change covariances.
 #[derive(Debug)]
 pub struct Slam {
     config: SlamConfig,
@@ -104,13 +103,14 @@ pub struct Slam {
 }
 
 impl Slam {
-    /// A filter that has seen nothing. Table I, 2: all particles start at the origin of the world. The configuration is
+    /// A filter before the first reading. Table I, 2: all particles start at the origin of the world. The configuration is
     /// one that [`SlamConfig::validate`] accepts.
     pub fn new(config: SlamConfig) -> Self {
         Self::with_failover(config, Failover::new(None))
     }
 
-    /// The same, with an evaluator other than the CPU. Where it fails, the step is done again on the CPU, which goes on.
+    /// The same with another evaluator than the CPU's. When it fails, the step is repeated on the CPU, which evaluates all
+    /// later steps too.
     pub fn with_evaluator(config: SlamConfig, evaluator: Box<dyn Evaluator>) -> Self {
         Self::with_failover(config, Failover::new(Some(evaluator)))
     }
@@ -137,7 +137,7 @@ impl Slam {
         }
     }
 
-    /// Follows the robot; takes a step where it has moved far enough, and at the first scan.
+    /// Tracks the robot; takes a step at the first scan and whenever the robot has moved far enough.
     fn add_laser(&mut self, reading: &LaserReading, observe: &mut dyn FnMut(&Event<'_>)) {
         let scan = Scan::from_reading(reading, &self.config.scan);
         observe(&Event::Scan(&scan));
@@ -156,7 +156,7 @@ impl Slam {
         self.keep_reading(reading.stamp, reading.odom_from_robot);
     }
 
-    /// Readings before the first scan are where odometry puts them, seen from it, each known as well as all their way.
+    /// Places the readings before the first scan by odometry relative to it, each with the covariance of the whole motion.
     fn place_first_readings(&mut self, odom_from_first_scan: Pose) {
         let Motion { covariance, .. } = self.tracker.by_odometry();
         for reading in &mut self.readings {
@@ -229,8 +229,8 @@ impl Slam {
         self.close_loop();
     }
 
-    /// All maps go over to a path that closes a loop. Eq. 18 cannot choose between the two: for now, a second copy of a wall fits
-    /// better than the wall itself, as long as the bent path is not yet as good as it will be.
+    /// Searches for a loop when that is due. If one is closed, all maps are replaced by that of the corrected path. Eq. 18 cannot
+    /// choose between the two: right after the correction, a second copy of a wall still fits better than the wall itself.
     fn close_loop(&mut self) {
         if !self.loops.is_due() {
             return;
@@ -262,7 +262,7 @@ impl Slam {
             draw: Draw::Tracking,
             starts: &[Start { mean: expected, prior: expected }],
             particles_per_map: starts as usize,
-            // Where odometry says.
+            // The pose that odometry predicts.
             exact_first: true,
             is_heavy_tailed: true,
             prior_information: packed(&information),
@@ -278,8 +278,8 @@ impl Slam {
         }
     }
 
-    /// Table I, 6a: draws a pose for every particle, from the motion (eq. 17) and, unless that is switched off, by matching
-    /// the scan with the particle's own map.
+    /// Table I, 6a: draws a pose for every particle from the motion (eq. 17) and, unless scan matching is switched off, from the
+    /// posterior of the scan in the particle's own map.
     fn propagate(&mut self, tiles: &[Tile]) -> Vec<Particle> {
         let (anchor, particles_per_map) = (self.table.anchor(), self.config.particles / self.config.maps);
         let (tracked, by_odometry) = (self.tracker.tracked(), self.tracker.by_odometry());
@@ -294,7 +294,7 @@ impl Slam {
         let how = Propagation {
             starts: &starts,
             particles_per_map,
-            // One map alone is at the mode; several are a sample.
+            // A single map follows the mode; several are a sample.
             exact_first: self.config.maps == 1,
             prior_information: packed(&information),
             iterations,
@@ -318,7 +318,7 @@ impl Slam {
         proposals.into_iter().enumerate().map(particle).collect()
     }
 
-    /// What tracking and the proposal have in common: the noise is that of the motion as the scans have corrected it.
+    /// What tracking and the proposal share. The noise is that of the motion as corrected by scans.
     fn propagation(&self) -> Propagation<'static> {
         let noise = Cholesky::of_covariance(&self.tracker.tracked().covariance);
         Propagation {
@@ -449,7 +449,7 @@ impl Slam {
         self.table.near(&map.slots, pose.x, pose.y, reach(tiles) + distance)
     }
 
-    /// What is known of a reading, given the pose of its step, where there was one.
+    /// The estimate at a reading, given the pose of its step; `None` before the first step.
     fn estimate(&self, reading: &Reading, world_from_step: Option<Pose>) -> Estimate {
         let &Reading { stamp, odom_from_robot, step, step_from_robot } = reading;
         let covariance = self.covariances[step as usize];

@@ -1,4 +1,4 @@
-// L Lᵀ = A of a symmetric matrix of three rows (xx, xy, xh, yy, yh, hh), Twin of src/evaluator/cholesky.rs.
+// The Cholesky factor L Lᵀ = A of a symmetric 3x3 matrix (xx, xy, xh, yy, yh, hh). Twin of src/evaluator/cholesky.rs.
 
 struct Cholesky {
     exists: bool,

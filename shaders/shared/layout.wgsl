@@ -1,4 +1,5 @@
-// What the host and the kernels share. Every struct has a twin of the same name and fields in src/evaluator/.
+// What the host and the kernels share. Every struct has a twin of the same name and fields in
+// src/evaluator/gpu/layout.rs, src/evaluator/tiles.rs or src/likelihood.rs.
 
 struct ClusterParams {
     along: vec3f,

@@ -1,4 +1,4 @@
-// Logarithm, sine and cosine by polynomials, as in src/math.rs: those of a device may be coarse.
+// Logarithm, sine and cosine by polynomials: those of a device may be coarse. Twin of src/math.rs.
 
 const TAU = 6.28318530717958647692;
 const SQRT_2 = 1.41421356237309504880;

@@ -1,4 +1,4 @@
-// Counter-based random numbers, Philox4x32-10, as in src/random.rs: bit for bit the same.
+// Counter-based random numbers, Philox4x32-10. Twin of src/random.rs, the same bit for bit.
 
 const DRAW_PROPOSAL = 1u;
 

@@ -1,7 +1,7 @@
 //! The marginals of a large block, approximately, by loopy belief propagation (J. Williams, R. Lau, "Approximate
 //! evaluation of marginal association probabilities with belief propagation", IEEE TAES 50, 2014).
 //!
-//! Detections tell landmarks how much they want them, μ, and landmarks tell detections how free they are, ν:
+//! Messages μ go from detections to landmarks, and messages ν from landmarks to detections:
 //!
 //! μ_kj = L_kj / (u_k + Σ_{i≠j} L_ki ν_ki), ν_kj = 1 / (m_j + Σ_{i≠k} μ_ij), until ν stays what it is.
 //! Then w_kj = L_kj ν_kj / (u_k + Σ_i L_ki ν_ki), and the sum over all assignments is about
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
     use crate::association::Table;
     use crate::association::block::Block;
-    use crate::association::exact;
+    use crate::association::{exact, optimal};
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
@@ -98,7 +98,7 @@ mod tests {
             let table = Table::new(nulls, landmarks, |_, _| range * random.random::<f64>());
             let block = Block::whole(&table);
             let exact = exact::marginals(&block.scaled_by_rows().unwrap()).unwrap();
-            let found = marginals(&block.scaled_by_assignment().unwrap());
+            let found = marginals(&optimal::scaled(&block).unwrap());
             for (a, b) in found.pairs.iter().chain(&found.nulls).zip(exact.pairs.iter().chain(&exact.nulls)) {
                 (largest, sum, count) = (largest.max((a - b).abs()), sum + (a - b).abs(), count + 1.0);
             }

@@ -1,6 +1,6 @@
 //! A frame in parts: detections and landmarks that gated pairs join, and their terms in linear space.
 
-use crate::association::{Table, optimal};
+use crate::association::Table;
 use nalgebra::DMatrix;
 
 /// Part of a frame, whose assignments do not depend on the rest of it.
@@ -64,7 +64,8 @@ impl Block {
         columns.iter().enumerate().map(|(row, &column)| self.log_term(row, column)).sum()
     }
 
-    fn log_term(&self, row: usize, column: Option<usize>) -> f64 {
+    /// The term of a row that takes this column, or none.
+    pub fn log_term(&self, row: usize, column: Option<usize>) -> f64 {
         column.map_or(self.nulls[row], |column| self.pairs[(row, column)])
     }
 
@@ -79,34 +80,8 @@ impl Block {
         rows.iter().all(|log| log.is_finite()).then(|| self.scaled(&rows, &vec![0.0; self.landmarks.len()]))
     }
 
-    /// Scaled so that the most likely assignment has weight 1, and no term is larger; `None` where no assignment is
-    /// possible. Then no weight that matters can underflow.
-    ///
-    /// The scales are the dual of the assignment problem: ln L_kj ≤ r_k + c_j, ln u_k ≤ r_k, 0 ≤ c_j, with equality for
-    /// what the best assignment takes. The c are the smallest that are possible: longest paths from 0, by as many
-    /// rounds as a path can have edges.
-    pub fn scaled_by_assignment(&self) -> Option<Scaled> {
-        let best = optimal::assignment(self)?;
-        let mut columns = vec![0.0; self.landmarks.len()];
-        let row_scales = |columns: &[f64]| -> Vec<f64> {
-            let scale = |(row, &column): (usize, &Option<usize>)| {
-                self.log_term(row, column) - column.map_or(0.0, |column| columns[column])
-            };
-            best.iter().enumerate().map(scale).collect()
-        };
-        for _ in 0..best.len() {
-            let rows = row_scales(&columns);
-            for &column in best.iter().flatten() {
-                let pairs = self.pairs.column(column);
-                let excess = pairs.iter().zip(&rows).map(|(pair, row)| pair - row);
-                columns[column] = excess.fold(columns[column], f64::max);
-            }
-        }
-        Some(self.scaled(&row_scales(&columns), &columns))
-    }
-
     /// Every assignment's weight divided by exp(Σ rows + Σ columns).
-    fn scaled(&self, rows: &[f64], columns: &[f64]) -> Scaled {
+    pub fn scaled(&self, rows: &[f64], columns: &[f64]) -> Scaled {
         let pair = |row, column| f64::exp(self.pairs[(row, column)] - rows[row] - columns[column]);
         Scaled {
             pairs: DMatrix::from_fn(rows.len(), columns.len(), pair),

@@ -87,11 +87,11 @@ pub fn associate(table: &Table, policy: Policy) -> Weights {
 /// The sum over the assignments of a block; `None` where none is possible.
 fn marginals(block: &Block) -> Option<Marginals> {
     if !exact::is_feasible(block) {
-        return Some(belief::marginals(&block.scaled_by_assignment()?));
+        return Some(belief::marginals(&optimal::scaled(block)?));
     }
     // Rows scaled by their maxima are enough unless detections fight for a landmark over hundreds of nats.
     block
         .scaled_by_rows()
         .and_then(|scaled| exact::marginals(&scaled))
-        .or_else(|| exact::marginals(&block.scaled_by_assignment()?))
+        .or_else(|| exact::marginals(&optimal::scaled(block)?))
 }

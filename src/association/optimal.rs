@@ -1,6 +1,6 @@
-//! The most likely assignment of a block.
+//! The most likely assignment of a block, and the scales under which its weight is 1.
 
-use crate::association::block::Block;
+use crate::association::block::{Block, Scaled};
 use nalgebra::DMatrix;
 use pathfinding::kuhn_munkres::kuhn_munkres;
 use pathfinding::matrix::Matrix;
@@ -15,6 +15,32 @@ const IMPOSSIBLE: i128 = -(1 << 110);
 /// The most likely assignment of a block: of each row its column, or none. `None` where none is possible.
 pub(super) fn assignment(block: &Block) -> Option<Vec<Option<usize>>> {
     Problem::new(block).solve(&[], &[])
+}
+
+/// A block scaled so that the most likely assignment has weight 1, and no term is larger; `None` where no assignment is
+/// possible. Then no weight that matters can underflow.
+///
+/// The scales are the dual of the assignment problem: ln L_kj ≤ r_k + c_j, ln u_k ≤ r_k, 0 ≤ c_j, with equality for
+/// what the best assignment takes. The c are the smallest that are possible: longest paths from 0, by as many
+/// rounds as a path can have edges.
+pub(super) fn scaled(block: &Block) -> Option<Scaled> {
+    let best = assignment(block)?;
+    let mut columns = vec![0.0; block.landmarks.len()];
+    let row_scales = |columns: &[f64]| -> Vec<f64> {
+        let scale = |(row, &column): (usize, &Option<usize>)| {
+            block.log_term(row, column) - column.map_or(0.0, |column| columns[column])
+        };
+        best.iter().enumerate().map(scale).collect()
+    };
+    for _ in 0..best.len() {
+        let rows = row_scales(&columns);
+        for &column in best.iter().flatten() {
+            let pairs = block.pairs.column(column);
+            let excess = pairs.iter().zip(&rows).map(|(pair, row)| pair - row);
+            columns[column] = excess.fold(columns[column], f64::max);
+        }
+    }
+    Some(block.scaled(&row_scales(&columns), &columns))
 }
 
 /// A block's terms as whole numbers.

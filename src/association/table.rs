@@ -26,7 +26,7 @@ impl Table {
 
     /// The same frame, with landmarks that were not detected.
     ///
-    /// `detection_probability` tells P_D, in 0..1, of a landmark, or `None` where it was not surely in view. Of each
+    /// `detection_probability` is P_D, in 0..1, of a landmark, or `None` where it was not surely in view. Of each
     /// landmark in view, pair terms grow by ln(P_D / (1 - P_D)) and [`constant`](Self::constant) by ln(1 - P_D): so an
     /// assignment has the factor P_D where it detects the landmark and 1 - P_D where it misses it. A landmark that is
     /// not surely in view keeps its terms; else the map would be punished for what is far off or hidden. P_D is kept

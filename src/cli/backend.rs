@@ -15,7 +15,7 @@ pub struct BackendArgs {
     /// What draws and weighs the particles
     #[arg(long, value_enum, default_value_t = Backend::Auto)]
     backend: Backend,
-    /// The device whose name has this text in it; `ipslam devices` tells the names
+    /// The device whose name has this text in it; `ipslam devices` lists the names
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
 }

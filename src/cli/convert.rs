@@ -32,7 +32,7 @@ or of a camera with an inertial sensor: imu_tracks.csv of GTSAM (EuRoC)";
 pub struct ConvertArgs {
     /// Log, map or folder of a set to read
     input: PathBuf,
-    /// File to write, whose ending tells the format; of a set, the folder to make
+    /// File to write, whose ending names the format; of a set, the folder to make
     output: PathBuf,
     #[command(flatten)]
     dataset: DatasetArgs,

@@ -52,7 +52,7 @@ pub fn devices(args: &DevicesArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     }
     let adapters = adapters();
     if adapters.is_empty() {
-        // Tells what to do about it.
+        // Names the remedy.
         find(None)?;
     }
     let (mut devices, mut errors) = (Vec::new(), Vec::new());

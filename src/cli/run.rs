@@ -145,8 +145,7 @@ pub struct Job<'a> {
     pub cell_size: f64,
     /// Whether the result is smoothed.
     pub smooth: bool,
-    /// Whether the summary stays in its file.
-    /// Where anything is.
+    /// What is printed of the summary, if anything.
     pub printed: Option<Printed>,
 }
 
@@ -211,7 +210,7 @@ impl RunArgs {
         Ok(self.log.source()?.unwrap_or_else(|| Box::new(Simulation::building(1))))
     }
 
-    /// Where there was no laser reading: what to tell.
+    /// The error of a log without laser readings.
     fn nothing_mapped(&self, mapped: &Outcome) -> anyhow::Result<()> {
         match &mapped.end {
             _ if mapped.counts.scans > 0 => Ok(()),

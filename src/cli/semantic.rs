@@ -124,7 +124,7 @@ pub struct Task<'a> {
 }
 
 impl Task<'_> {
-    /// Maps it, and tells the seconds that it took.
+    /// Maps it; returns the run time in seconds too.
     pub fn map(&self) -> Result<(SemanticMap, f64), SemanticError> {
         let began = Instant::now();
         let bar = Mutex::new(Bar::new(Some(PERMILLE)));

@@ -1,4 +1,4 @@
-//! What a run tells of itself: `summary.json`, and the same as a short table.
+//! The summary of a run: `summary.json`, and the same as a short table.
 
 use super::eval::Report;
 use ipslam::config::SlamConfig;
@@ -12,7 +12,7 @@ const NUMBERS_PER_CLUSTER: u64 = 5;
 /// A measured point by its two coordinates.
 const NUMBERS_PER_POINT: u64 = 2;
 
-/// All there is to tell.
+/// The run to summarise.
 pub struct Summary<'a> {
     pub name: &'a str,
     pub device: &'a str,
@@ -302,7 +302,7 @@ fn with_infinities(value: Value) -> Value {
     }
 }
 
-/// The most memory that this process ever held [bytes], where the system tells (Linux).
+/// The most memory that this process ever held [bytes], if the system provides it (Linux).
 fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -9,7 +9,7 @@ use ipslam::metrics::relations::relation_errors;
 use ipslam::metrics::trajectory::reference_errors;
 use std::path::{Path, PathBuf};
 
-/// Files that tell the truth.
+/// Files with ground truth.
 #[derive(Debug, clap::Args)]
 pub struct TruthArgs {
     /// Relations of the SLAM benchmark (t1 t2 x y z roll pitch yaw) to score the trajectory by

@@ -161,13 +161,7 @@ fn walls(count: usize) -> Vec<Cluster> {
         let (column, row) = (i / 2 % columns - columns / 2, i / 2 / columns - columns / 2);
         let direction = if i % 2 == 0 { Vector2::x() } else { Vector2::y() };
         let corner = Point2::new(4.0 * column as f64 - 2.0, 4.0 * row as f64 - 2.0);
-        Cluster {
-            mean: corner + 1.5 * direction,
-            direction,
-            along_variance: 9.0 / 12.0,
-            across_variance: 1e-4,
-            count: 100.0,
-        }
+        Cluster::wall(corner, corner + 3.0 * direction, 0.01, 100.0)
     };
     (0..count as i64).map(wall).collect()
 }

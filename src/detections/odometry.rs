@@ -22,7 +22,7 @@ pub struct Velocity {
     pub turn: f64,
 }
 
-/// The motion between two moments, and how it came about, which tells how far to trust it.
+/// The motion between two times, with the sums that its noise grows with.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
     /// The pose at the end, seen from that at the start.

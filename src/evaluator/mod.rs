@@ -97,7 +97,7 @@ pub struct Propagation<'a> {
     pub spread: f32,
 }
 
-/// Where the particles of one map go.
+/// Where the particles of one map start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
     /// Mean of the motion that particles are drawn from.
@@ -106,7 +106,7 @@ pub struct Start {
     pub prior: LocalPose,
 }
 
-/// Where the motion alone expects a particle.
+/// The prior of a particle's pose by the motion alone.
 #[derive(Clone, Copy, Debug)]
 pub struct PosePrior {
     /// The mean.
@@ -192,8 +192,8 @@ pub trait Evaluator: std::fmt::Debug + Send {
     /// As for `propagate`.
     fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError>;
 
-    /// Moves every pose by a motion of its own, drawn from `how` (eq. 17), and tells the log-likelihood of the scan from
-    /// there among thick walls, which few particles find sooner than walls as they are. All poses are of the scene's
+    /// Moves every pose by a motion of its own, drawn from `how` (eq. 17), and computes the log-likelihood of the scan
+    /// there with thickened walls, which sparse particles hit more easily. All poses are of the scene's
     /// first map. Neighbours in `poses` should lie close together: they share candidate lists.
     ///
     /// # Errors

@@ -287,7 +287,7 @@ impl Cholesky {
         if share > FREE { Ok(()) } else { Err(structure.singular(row, values)) }
     }
 
-    /// Factorises a matrix, and tells whether it is positive definite.
+    /// Factorises a matrix; returns whether it is positive definite.
     pub(super) fn factorize(&mut self, structure: &Structure, matrix: &[f64]) -> bool {
         let n = structure.dimension();
         let pattern = SymbolicSparseColMatRef::new_checked(n, n, &structure.columns, None, &structure.rows);

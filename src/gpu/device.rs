@@ -48,7 +48,7 @@ pub fn adapters() -> Vec<Adapter> {
 /// The device whose name has this text in it, whatever its case; without a text the likely fastest.
 ///
 /// # Errors
-/// There is none, or none of that name; the message tells what there is, or what to install.
+/// There is none, or none of that name; the message lists the devices, or names what to install.
 pub fn find(name: Option<&str>) -> Result<Adapter, DeviceError> {
     let adapters = adapters();
     if adapters.is_empty() {
@@ -83,7 +83,7 @@ impl Adapter {
         self.adapter.limits()
     }
 
-    /// Whether lanes can tell one another what they have loaded: subgroups, of eight lanes at least.
+    /// Whether lanes can share what they have loaded: subgroups, of eight lanes at least.
     pub fn can_broadcast(&self) -> bool {
         self.adapter.features().contains(wgpu::Features::SUBGROUP) && self.adapter.get_info().subgroup_min_size >= 8
     }

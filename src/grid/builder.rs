@@ -2,7 +2,7 @@
 //!
 //! Of each cell two numbers are kept: how many beams ended in it (hits) and how many went through it (passes). By the
 //! counting model (Hähnel, Triebel, Burgard, Thrun, ICRA 2003) hits / (hits + passes) is the most likely probability
-//! that a beam which reaches the cell ends there. A beam without return tells nothing: the laser may not see black.
+//! that a beam which reaches the cell ends there. A beam without return is not used: a laser may not detect black surfaces.
 
 use super::{Cell, GridError, MOST_CELLS, OccupancyGrid};
 use crate::geometry::Pose;

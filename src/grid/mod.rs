@@ -1,6 +1,6 @@
 //! Occupancy grids: which cells of a raster a robot's laser saw free, and which occupied.
 //!
-//! The filter's map is clusters; a grid is what other programs read, what tells where there is *nothing*, and what a
+//! The filter's map is clusters; a grid is what other programs read, what shows free space, and what a
 //! map drawn elsewhere comes as. In: scans with poses ([`GridBuilder`]), or a file. Out: an [`OccupancyGrid`], from it
 //! the [`FreeArea`] where a robot can be, and the walls as line clusters . The way back is [`drawn()`].
 
@@ -24,7 +24,7 @@ pub const MOST_CELLS: u64 = 100_000_000;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Cell {
-    /// Never seen, or seen in a way that tells nothing.
+    /// Not observed, or not clearly.
     #[default]
     Unknown,
     /// Nothing is there.

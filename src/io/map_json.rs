@@ -148,7 +148,7 @@ pub fn write_map(map: &LineMap, mut out: impl Write) -> std::io::Result<()> {
 /// Reads a map, in the world's frame.
 ///
 /// # Errors
-/// The file cannot be opened, is no such map, or a cluster or the free area cannot be one; the message tells which.
+/// The file cannot be opened, is no such map, or a cluster or the free area cannot be one; the message names it.
 pub fn read_map(path: &Path) -> Result<LineMap, MapError> {
     let path = || path.to_path_buf();
     let text = File::open(path()).map_err(|source| MapError::Open { path: path(), source })?;

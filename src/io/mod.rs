@@ -73,7 +73,7 @@ fn replace_file(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Resu
         std::fs::rename(&partial, &path)
     });
     if written.is_err() {
-        // The first error is the one to tell; there may be nothing to remove.
+        // The first error is reported; there may be nothing to remove.
         let _ = std::fs::remove_file(&partial);
     }
     written

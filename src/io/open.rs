@@ -84,7 +84,7 @@ fn files_of_bag(folder: &Path) -> Result<Vec<PathBuf>, LogError> {
     }
 }
 
-/// What `metadata.yaml` of a bag tells, as far as it matters.
+/// The parts of a bag's `metadata.yaml` that are used.
 #[derive(Deserialize)]
 struct Metadata {
     #[serde(rename = "rosbag2_bagfile_information")]

@@ -30,7 +30,7 @@ impl TextError {
     }
 }
 
-/// Reads a text in UTF-8 of at most so many bytes.
+/// Reads a text in UTF-8 of at most `most` bytes.
 ///
 /// # Errors
 /// The file cannot be read, or is no such text.

@@ -11,7 +11,7 @@ use std::path::Path;
 
 const EXPECTED: &str = "a trajectory has 8 columns (TUM: t x y z qx qy qz qw) or 4 (t x y theta [rad])";
 
-/// Reads a trajectory of either kind; the number of columns of its first row tells which.
+/// Reads a trajectory of either kind; recognised by the number of columns of its first row.
 ///
 /// # Errors
 /// The file cannot be read, holds no pose, or one of its lines is not a pose.

@@ -14,7 +14,7 @@ use std::io::Write;
 use std::path::Path;
 
 const SENSORS: &str = "sensors.toml";
-/// Inertial readings, which tell a folder of this kind.
+/// Inertial readings; folders of this kind are recognised by this file.
 pub const IMU: &str = "imu.csv";
 const TRACKS: &str = "tracks.csv";
 

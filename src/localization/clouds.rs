@@ -1,25 +1,24 @@
-//! Particles that hang together: the places where the robot may be.
+//! Clouds, that is connected components of particles: the places where the robot may be.
 
-use super::drawing::{BIN, bin};
+use super::bins::{bin, neighbours};
 use crate::evaluator::Weighed;
 use std::collections::{BTreeMap, HashMap};
-use std::f64::consts::TAU;
 
-/// A cloud hangs together by bins with at least this share of the weight: strays do not tie two of them together.
+/// Bins with at least this share of the weight connect a cloud: strays do not join two clouds.
 const LIGHTEST_BIN: f64 = 1e-4;
-/// A cloud has at least this share of the weight: the doubt that is let pass.
+/// A cloud has at least this share of the weight; lighter places are neglected.
 pub(super) const LIGHTEST_CLOUD: f64 = 0.01;
 
-/// Which particles are in which cloud, by their numbers.
+/// The clouds, as indices of particles.
 pub(super) struct Clouds {
-    /// In the order of where they are.
+    /// Sorted by place.
     pub clouds: Vec<Vec<u32>>,
-    /// In none.
+    /// Particles in no cloud.
     pub strays: Vec<u32>,
 }
 
 impl Clouds {
-    /// Bins that have much of the weight, as far as they touch, with the bins around them.
+    /// Connected components of heavy bins, each with the bins around it. `shares` are the particles' shares of the weight.
     pub fn of(particles: &[Weighed], shares: &[f64]) -> Self {
         let bins: Vec<[i32; 3]> = particles.iter().map(|particle| bin(particle.pose)).collect();
         let mut shares_of: HashMap<[i32; 3], f64> = HashMap::new();
@@ -51,13 +50,6 @@ impl Clouds {
         }
         Self { clouds, strays }
     }
-}
-
-/// A bin and those around it; headings go round.
-fn neighbours([x, y, heading]: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
-    let turn = (TAU / BIN[2]).round() as i32;
-    let wrapped = move |heading: i32| (heading + turn / 2).rem_euclid(turn) - turn / 2;
-    (0..27).map(move |n| [x + n % 3 - 1, y + n / 3 % 3 - 1, wrapped(heading + n / 9 - 1)])
 }
 
 #[cfg(test)]
@@ -94,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn a_light_bin_ties_nothing_together() {
+    fn a_light_bin_joins_no_clouds() {
         let (particles, shares) = row(&[(0, 0, 0.5), (1, 0, 1e-5), (2, 0, 0.5)]);
         let Clouds { clouds, .. } = Clouds::of(&particles, &shares);
         assert_eq!(clouds, [vec![0], vec![1, 2]], "the bin between them is in one of them");

@@ -7,22 +7,22 @@ use crate::scan::ScanConfig;
 use crate::tracking::TrackingConfig;
 use serde::{Deserialize, Serialize};
 
-/// How a robot is found in a known map. A file may set any part of it; what it leaves out keeps its default.
+/// The configuration of localisation. A file may set any part of it; what it leaves out keeps its default.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LocalizationConfig {
     /// Seed of all random numbers, up to 2⁶³ - 1.
     pub seed: u64,
-    /// Most particles, 1 to ten million.
+    /// Maximum number of particles, 1 to ten million; default 100 000.
     pub max_particles: usize,
-    /// Fewest particles, at most `max_particles`.
+    /// Minimum number of particles, 1 to `max_particles`; default 1000.
     pub min_particles: usize,
-    /// Log-likelihoods are multiplied by this, 1e-6 to 1000, in place of what mapping does: places that look alike are told
-    /// apart by what comes after them, so both have to be kept till then.
+    /// Log-likelihoods are multiplied by this, 1e-6 to 1000; default 0.01, less than in mapping: of ambiguous places all have to be
+    /// kept until later scans distinguish them.
     pub temper: f64,
-    /// The robot is located where the map explains this share, 0 to 1, of what it could explain of the scan at best, less
-    /// the share of the points that are behind its walls, and explained more on the way there. Nothing speaks against a place
-    /// that explains as much. In a map made long ago it may have to be less.
+    /// The share of a scan, 0 to 1, that the map has to explain, less the share of the points behind its walls, for the robot to be
+    /// located; over the last steps it has to be more. Default 0.6. Scans that explain this much never count against a place. In an
+    /// outdated map it may have to be less.
     pub located_explained: f64,
     /// From ranges to points.
     pub scan: ScanConfig,

@@ -1,5 +1,6 @@
-//! How particles are drawn: around the initial pose, anywhere, and anew after each step.
+//! How particles are drawn: around the initial pose, from the whole free area, and by resampling after each step.
 
+use super::bins::bin;
 use super::clouds::Clouds;
 use super::{InitialPose, Localization, LocalizationConfig};
 use crate::evaluator::Weighed;
@@ -11,35 +12,32 @@ use crate::geometry::Pose;
 use crate::random::{Draw, bits, normals};
 use std::f64::consts::{PI, TAU};
 
-/// Size of a bin of KLD sampling, and of the search for clouds \[m, m, rad\].
-pub(super) const BIN: [f64; 3] = [0.5, 0.5, PI / 18.0];
-
-/// Particles from anywhere have this share of the weight of others: robots are seldom carried away, and a place where the map
-/// lacks something for a while is still the likeliest.
+/// Weight of a particle from anywhere relative to the others: robots are seldom carried away, and a place where the map lacks
+/// some walls is still the most likely.
 const CARRIED_AWAY: f64 = 0.1;
 
 /// A pose that the robot may have.
 #[derive(Clone, Copy)]
 pub(super) struct Particle {
     pub pose: LocalPose,
-    /// The number of the particle that it was; `u32::MAX` where it comes from anywhere.
+    /// Index of its parent; `u32::MAX` if it was drawn from the whole free area.
     pub parent: u32,
-    /// Its share of the weight until it is weighed.
+    /// Its share of the weight before it is weighed.
     pub share: f64,
-    /// What speaks for the place where it is.
-    pub credit: f64,
+    /// Accumulated evidence for its place.
+    pub evidence: f64,
 }
 
-/// Particles, and how many bins they are in.
+/// Particles, and the number of bins that they occupy.
 pub(super) struct Drawn {
     pub particles: Vec<Particle>,
     pub bins: usize,
 }
 
 impl Localization {
-    /// Draws the particles anew, of every cloud by itself: it keeps its share of the weight, and has as many particles as
-    /// it takes to tell its bins apart. Particles from anywhere take a share of the weight from all, and what speaks against
-    /// the heaviest place speaks against theirs: nothing has explained the way so far.
+    /// Resamples every cloud by itself: it keeps its share of the weight and gets the number of particles that the KLD bound asks
+    /// for. Particles from anywhere take a share of the weight from all. They start with the evidence of the heaviest place where
+    /// that is negative, as no place has explained the steps so far.
     pub(super) fn resample(&self, weighed: &[Weighed], weights: &[f64], clouds: &Clouds, from_anywhere: f64) -> Drawn {
         let LocalizationConfig { max_particles, min_particles, .. } = self.config;
         let words = |number| bits(self.config.seed, self.steps, number, Draw::Resample);
@@ -60,7 +58,12 @@ impl Localization {
             let offset = fraction(words(u32::MAX - number)[0], 0);
             particles.extend(resample(&stratum.weights, count, offset).into_iter().map(|index| {
                 let parent = stratum.members[index];
-                Particle { pose: weighed[parent as usize].pose, parent, share, credit: self.credits[parent as usize] }
+                Particle {
+                    pose: weighed[parent as usize].pose,
+                    parent,
+                    share,
+                    evidence: self.evidence[parent as usize],
+                }
             }));
         };
         let mut left = max_particles;
@@ -74,20 +77,20 @@ impl Localization {
         }
         let count = |share: f64| (share * enough as f64).round() as usize;
         let new = count(from_anywhere).min(left / 2);
-        // Where particles come from anywhere, as many strays are kept: the right place may be among them.
+        // As many strays are kept as particles come from anywhere: one of them may be at the right place.
         let strays = Stratum::new(clouds.strays.clone(), weights);
         if strays.weight() > 0.0 {
             let kept = count(from_anywhere.max(strays.weight() / all.weight())).min(left - new);
             draw(&strays, 0, if clouds.clouds.is_empty() { kept.max(1) } else { kept });
         }
         let share = share_from_anywhere / new as f64;
-        let credit = self.credit.min(0.0);
-        let from = |number| Particle { pose: self.anywhere(self.steps, number), parent: u32::MAX, share, credit };
+        let evidence = self.best_evidence.min(0.0);
+        let from = |number| Particle { pose: self.anywhere(self.steps, number), parent: u32::MAX, share, evidence };
         particles.extend((0..new as u32).map(from));
         Drawn { particles, bins }
     }
 
-    /// Particles around the initial pose, or anywhere; as many as their bins take.
+    /// Particles around the initial pose, or anywhere; as many as the KLD bound asks for.
     pub(super) fn first_particles(&self, initial: Option<InitialPose>) -> Drawn {
         let pose = |number: u32| match initial {
             None => self.anywhere(u32::MAX, number),
@@ -100,11 +103,11 @@ impl Localization {
         };
         let SampleSize { particles: count, bins } = self.sample_size(pose);
         let share = 1.0 / count as f64;
-        let particle = |number| Particle { pose: pose(number), parent: number, share, credit: 0.0 };
+        let particle = |number| Particle { pose: pose(number), parent: number, share, evidence: 0.0 };
         Drawn { particles: (0..count as u32).map(particle).collect(), bins }
     }
 
-    /// The number of particles that the KLD bound asks for, given the bins that they fall in.
+    /// The number of particles that the KLD bound asks for, and the number of their bins.
     fn sample_size(&self, particle: impl Fn(u32) -> LocalPose) -> SampleSize {
         let LocalizationConfig { max_particles, min_particles, .. } = self.config;
         sample_size(min_particles, max_particles, |number| bin(particle(number)))
@@ -119,7 +122,7 @@ impl Localization {
     }
 }
 
-/// Particles that are drawn from by themselves.
+/// Particles that are resampled by themselves.
 struct Stratum {
     members: Vec<u32>,
     weights: Vec<f64>,
@@ -143,7 +146,7 @@ impl Stratum {
         self.sums.last().copied().unwrap_or(0.0)
     }
 
-    /// The member at this share of the weight.
+    /// The member at this share, 0 to 1, of the cumulative weight.
     fn drawn(&self, share: f64) -> u32 {
         let target = share * self.weight();
         let index = self.sums.partition_point(|&sum| sum <= target);
@@ -151,32 +154,13 @@ impl Stratum {
     }
 }
 
-/// Orders particles by their places: systematic resampling of neighbours lets no place gain or lose by chance.
+/// Sorts particles by place: systematic resampling of sorted particles has the least variance, place by place.
 pub(super) fn in_order(mut particles: Vec<Particle>) -> Vec<Particle> {
     sort_by_place(&mut particles, |particle| particle.pose);
     particles
 }
 
-/// The bin of a pose.
-pub(super) fn bin(pose: LocalPose) -> [i32; 3] {
-    let at = [pose.x, pose.y, pose.heading].map(f64::from);
-    std::array::from_fn(|axis| (at[axis] / BIN[axis]).floor() as i32)
-}
-
 /// A number in [0, 1] of 64 random bits.
 fn fraction(high: u32, low: u32) -> f64 {
     (f64::from(high) + f64::from(low) / 4_294_967_296.0) / 4_294_967_296.0
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn bins_are_half_a_metre_and_ten_degrees() {
-        let pose = |x: f32, y: f32, degrees: f32| LocalPose { x, y, heading: degrees.to_radians() };
-        assert_eq!(bin(pose(0.49, -0.01, 9.9)), [0, -1, 0]);
-        assert_eq!(bin(pose(0.51, 0.49, 10.1)), [1, 0, 1]);
-        assert_eq!(bin(pose(-7.3, 12.2, -179.0)), [-15, 24, -18]);
-    }
 }

@@ -1,6 +1,6 @@
-//! The walls of a known map, and how far they agree with a scan.
+//! The walls of a known map, and how much of a scan they explain.
 
-use super::{LocalizationConfig, MAX_SIGMA, MIN_SIGMA};
+use super::{MAX_SIGMA, MIN_SIGMA};
 use crate::ablation::Latent;
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::tiles::{Tile, reach};
@@ -20,26 +20,26 @@ pub(super) struct Walls {
     pub table: ClusterTable,
     /// Every cluster, for the one map of the scene.
     pub slots: [Vec<Slot>; 1],
-    /// ln of the density of a point in the middle of a wall, of all metres of wall on average: as much as a map of its
-    /// resolution can say of a point.
+    /// ln of the density of a point in the middle of a wall, averaged over all metres of wall: the most that a point can gain in
+    /// a map of this resolution.
     pub log_peak: f64,
 }
 
 impl Walls {
-    pub fn new(clusters: Vec<Cluster>, config: &LocalizationConfig) -> Self {
+    pub fn new(clusters: Vec<Cluster>, likelihood: &LikelihoodConfig) -> Self {
         let mut pool = Pool::default();
         for &cluster in &clusters {
             pool.insert(MapCluster { cluster, last_step: 0, sightings: 1 });
         }
-        let mut table = ClusterTable::new(config.likelihood, Latent::Uniform, MAX_SIGMA);
+        let mut table = ClusterTable::new(*likelihood, Latent::Uniform, MAX_SIGMA);
         // Particles may be anywhere, so the anchor is near the middle of the map and stays there.
         table.update(&mut pool, middle(&clusters));
-        let log_peak = log_peak(&clusters, &config.likelihood);
+        let log_peak = log_peak(&clusters, likelihood);
         Self { slots: [(0..clusters.len() as Slot).collect()], clusters, table, log_peak }
     }
 
-    /// Share of what the map could explain of a scan at best that it does explain from a pose, less the share of the points
-    /// that are behind its walls: 0 to 1. `log_likelihood` is that of the scan there (eq. 18).
+    /// The gain in log-likelihood from a pose, as a share of the largest possible one, less the share of the points that are behind
+    /// walls of the map: 0 to 1. `log_likelihood` is that of the scan there (eq. 18).
     pub fn explained(&self, world_from_robot: Pose, log_likelihood: f64, tiles: &[Tile]) -> f64 {
         let points: f64 = tiles.iter().map(|tile| f64::from(tile.count)).sum();
         let log_outlier = f64::from(self.table.log_outlier());
@@ -50,14 +50,14 @@ impl Walls {
         (share - behind as f64 / points).clamp(0.0, 1.0)
     }
 
-    /// How much likelier the map can make a scan at best: ln of the ratio to one that it explains nothing of.
+    /// The largest log-likelihood ratio that the map can give a scan, against one of outliers alone.
     pub fn most(&self, tiles: &[Tile]) -> f64 {
         let points: f64 = tiles.iter().map(|tile| f64::from(tile.count)).sum();
         points * (self.log_peak - f64::from(self.table.log_outlier()))
     }
 
-    /// How many points are behind a wall, seen from here. The likelihood (eq. 18) does not ask what is between the robot and
-    /// a point; a place that only looks like the right one is given away by it.
+    /// The number of points that are behind a wall, seen from this pose. The likelihood (eq. 18) does not consider what is between
+    /// the robot and a point; a wrong place that resembles the right one is recognised by it.
     fn points_behind(&self, world_from_robot: Pose, tiles: &[Tile]) -> usize {
         let (robot, reach) = (world_from_robot.position(), f64::from(reach(tiles)));
         let walls: Vec<&Cluster> = self.clusters.iter().filter(|wall| wall.may_be_within(reach, robot)).collect();
@@ -65,7 +65,7 @@ impl Walls {
         tiles.iter().flat_map(Tile::points).map(|point| world_from_robot * point).filter(is_behind).count()
     }
 
-    /// Standard deviation across a wall \[m\], of all metres of wall on average.
+    /// Standard deviation across a wall \[m\], averaged over all metres of wall.
     pub fn sigma(&self) -> f64 {
         (-self.log_peak).exp() / TAU.sqrt()
     }
@@ -93,19 +93,12 @@ fn middle(clusters: &[Cluster]) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector2;
 
     /// A metre of wall that is known to 3 cm and three metres that are known to 10 cm: 1/(√(2π) σ) in their middle.
     #[test]
-    fn a_map_can_say_as_much_as_its_metres_of_wall() {
+    fn the_peak_is_averaged_over_metres_of_wall() {
         let likelihood = LikelihoodConfig { sigma_floor: 0.03, outlier_density: 0.01, ..LikelihoodConfig::default() };
-        let wall = |length: f64, sigma: f64| Cluster {
-            mean: Point2::new(3.0, 5.0),
-            direction: Vector2::x(),
-            along_variance: length * length / 12.0,
-            across_variance: sigma * sigma,
-            count: 10.0,
-        };
+        let wall = |length: f64, sigma: f64| Cluster::wall([3.0, 5.0], [3.0 + length, 5.0], sigma, 10.0);
         let found = log_peak(&[wall(1.0, 0.001), wall(3.0, 0.1)], &likelihood);
         let expected = 0.25 * 13.298_f64.ln() + 0.75 * 3.989_4_f64.ln();
         assert!((found - expected).abs() < 1e-4, "{found}, not {expected}");

@@ -14,7 +14,7 @@ use nalgebra::{Point2, Vector2};
 use std::collections::HashMap;
 use std::fmt::Write as _;
 
-/// Colours of classes that are told apart by readers who see red and green alike (M. Okabe, K. Ito, "Color Universal
+/// Colours of classes that are distinguishable for readers who see red and green alike (M. Okabe, K. Ito, "Color Universal
 /// Design", 2008). Further classes have these again, with the next shape.
 const COLOURS: [[u8; 3]; 7] =
     [[0, 114, 178], [230, 159, 0], [0, 158, 115], [204, 121, 167], [213, 94, 0], [86, 180, 233], [110, 96, 60]];
@@ -22,7 +22,7 @@ const COLOURS: [[u8; 3]; 7] =
 const MARKER: f64 = 5.5;
 /// An ellipse holds the landmark with 95 %: χ² with two degrees of freedom is below 5.99.
 const CONFIDENCE: f64 = 5.99;
-/// Links are drawn in so many steps of strength.
+/// Links are drawn in this number of levels of opacity.
 const STRENGTHS: usize = 4;
 const LABEL: &str = "#3c4656";
 

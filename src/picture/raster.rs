@@ -119,7 +119,7 @@ impl PointRaster {
         let mut image = Pixmap::new(width as u32, height as u32)?;
         for (pixel, &hits) in image.pixels_mut().iter_mut().zip(&hits).filter(|(_, hits)| **hits > 0) {
             let share = (f64::from(hits).ln_1p() / full.ln_1p()).min(1.0);
-            // Sixteen levels: no eye tells more apart, and the file shrinks.
+            // Sixteen levels: no eye distinguishes more, and the file shrinks.
             let level = (share * 15.0).round() / 15.0;
             let alpha = (255.0 * (0.2 + 0.8 * level)).round() as u8;
             *pixel = ColorU8::from_rgba(colour[0], colour[1], colour[2], alpha).premultiply();

@@ -1,7 +1,7 @@
 //! The forward pass: a beam of hypotheses through all keyframes.
 //!
-//! After a while without a landmark, a robot does not know which of several alike it sees. The pass then goes on with all of
-//! them, and what is seen later decides.
+//! After a while without a landmark, it is ambiguous which of several similar landmarks the robot sees. The pass then keeps all
+//! hypotheses, and later detections decide.
 
 use super::config::SemanticConfig;
 use super::history::Candidate;
@@ -14,16 +14,16 @@ use crate::geometry::Pose;
 use nalgebra::{Point2, Vector3};
 use std::collections::BTreeMap;
 
-/// Two hypotheses whose robots are closer than this, in position \[m\] and heading \[rad\], differ in labels and not in
-/// places: the likelier is kept.
+/// Two hypotheses whose robots are closer than this, in position \[m\] and heading \[rad\], differ in labels only: the
+/// more likely one is kept.
 const NEIGHBOURHOOD: (f64, f64) = (0.1, 0.05);
 /// A hypothesis is dropped that is less likely than the best by this \[nats\].
 const MARGIN: f64 = 40.0;
 
-/// What the best hypothesis says of keyframes, from some one to the last.
+/// The best hypothesis' estimate of the last keyframes.
 #[derive(Clone, Debug)]
 pub struct Pass {
-    /// Pose of each keyframe, as it was estimated then.
+    /// Filtered pose at each keyframe.
     pub poses: Vec<Pose>,
     /// For each keyframe, the number of the landmark of each detection.
     pub assignments: Vec<Vec<usize>>,
@@ -49,7 +49,7 @@ pub struct Beam<'a> {
     log_new: f64,
     count: usize,
     branches: usize,
-    /// The likeliest first.
+    /// The most likely first.
     hypotheses: Vec<Hypothesis>,
     past: Vec<Past>,
     /// All hypotheses of each keyframe.
@@ -57,13 +57,13 @@ pub struct Beam<'a> {
 }
 
 impl<'a> Beam<'a> {
-    /// Nothing seen yet; `log_new` is the log-density of landmarks that are new.
+    /// A pass before the first keyframe; `log_new` is the log-density of landmarks that are new.
     pub fn new(model: &'a SensorModel<'a>, log_new: f64, config: &SemanticConfig) -> Self {
         let (hypotheses, past, candidates) = (vec![Hypothesis::start()], Vec::new(), Vec::new());
         Self { model, log_new, count: config.beam, branches: config.branches, hypotheses, past, candidates }
     }
 
-    /// A keyframe more.
+    /// Takes in the next keyframe.
     pub fn advance(&mut self, keyframe: &Keyframe) {
         let model = self.model;
         self.hypotheses.iter_mut().for_each(|hypothesis| hypothesis.predict(model, keyframe));
@@ -75,7 +75,7 @@ impl<'a> Beam<'a> {
             let all = all.flat_map(|(parent, ways)| ways.into_iter().map(move |way| (parent, way))).collect();
             kept = select(all, self.count);
         }
-        // Where nothing fits at all, the frame is left out.
+        // A frame that no assignment fits is left out.
         let mut ids = vec![Vec::new(); self.hypotheses.len()];
         if !kept.is_empty() {
             self.hypotheses = children(std::mem::take(&mut self.hypotheses), &kept);
@@ -102,19 +102,19 @@ impl<'a> Beam<'a> {
         }
     }
 
-    /// Of the likeliest hypothesis, its past: the last keyframe first.
+    /// Of the most likely hypothesis, its past: the last keyframe first.
     fn history(&self) -> impl Iterator<Item = &Past> {
         let past = |place: Option<usize>| self.past.get(place?);
         let last = self.hypotheses.first().and_then(|best| past(best.past));
         std::iter::successors(last, move |moment| past(moment.before))
     }
 
-    /// The likeliest hypothesis as it was so many keyframes ago, where it was kept.
+    /// The state of the most likely hypothesis this number of keyframes ago, if it was kept.
     pub fn state(&self, keyframes_ago: usize) -> Option<&Hypothesis> {
         self.history().nth(keyframes_ago)?.state.as_deref()
     }
 
-    /// What the likeliest hypothesis says of these keyframes, the last ones.
+    /// The estimate of the most likely hypothesis at these keyframes, the last ones.
     pub fn pass(&self, keyframes: &[Keyframe]) -> Pass {
         let mut moments: Vec<&Past> = self.history().take(keyframes.len()).collect();
         moments.reverse();
@@ -130,8 +130,8 @@ impl<'a> Beam<'a> {
 }
 
 /// The same where it is known which object each detection shows: one hypothesis, whose landmarks have the numbers of the
-/// objects in the order in which they were first seen. `object` tells that of a detection by frame and number; keyframes
-/// hold no detection without.
+/// objects in the order in which they were first seen. `object` gives that of a detection by frame and number; keyframes hold no
+/// detection without one.
 pub fn forward_known(
     model: &SensorModel<'_>,
     keyframes: &[Keyframe],
@@ -193,7 +193,7 @@ fn children(parents: Vec<Hypothesis>, branches: &[(usize, Branch)]) -> Vec<Hypot
     branches.iter().enumerate().filter_map(take).collect()
 }
 
-/// The likeliest branch of each neighbourhood, the likeliest first, and at most `count`.
+/// The most likely branch of each neighbourhood, the most likely first, and at most `count`.
 fn select(mut all: Vec<(usize, Branch)>, count: usize) -> Vec<(usize, Branch)> {
     all.sort_by(|(_, a), (_, b)| b.log_likelihood.total_cmp(&a.log_likelihood));
     let mut kept: Vec<(usize, Branch)> = Vec::new();

@@ -10,7 +10,7 @@ pub const NEW_DENSITIES: [f64; 3] = [0.02, 0.006, 0.002];
 parameters! {
     /// How a recording is mapped.
     pub struct SemanticConfig {
-        /// How detections are given to landmarks in the E step.
+        /// How detections are assigned to landmarks in the E step.
         association: Policy = Policy::Soft;
         /// Hypotheses that the forward pass keeps.
         beam: usize = 32, in 1.0..=1024.0;
@@ -20,7 +20,7 @@ parameters! {
         interval: f64 = 0.4, in 0.0..=60.0;
         /// E and M steps after the forward pass, over all frames.
         sweeps: usize = 8, in 1.0..=100.0;
-        /// Keyframes that are estimated at once: mapping online; 0 takes all of them together, when the recording is over.
+        /// Keyframes of the sliding window of online mapping; 0 optimises all keyframes together at the end.
         window: usize = 0, in 0.0..=1e6;
         /// What a landmark costs \[nats\]. It may be anywhere in an area A of about 100 m² and is known to s = 1.7 cm in
         /// the end: ln(A / (2π s²)), the Occam factor.

@@ -8,11 +8,11 @@ use crate::association::{Policy, Table, associate};
 use crate::detections::Detection;
 use crate::geometry::Pose;
 
-/// A pair that is less likely than this is left out: it hardly moves anything, and takes as long as the others.
+/// Pairs of smaller weight are left out: they have hardly any effect and cost as much as the others.
 const MIN_WEIGHT: f64 = 0.02;
-/// A pair this unlikely beside clutter \[nats\] is not weighed.
+/// Pairs whose log-density is this far below that of clutter \[nats\] get no weight.
 const MIN_ADVANTAGE: f64 = -12.0;
-/// The weight of the sensors' description beside what the drive shows \[times in view\].
+/// Prior weight of the described detection probability \[times in view\].
 const DESCRIBED: f64 = 10.0;
 
 /// The terms of a keyframe: density and class of each pair, clutter, and the landmarks in view that were missed. Noise is
@@ -32,7 +32,7 @@ pub fn table(
         let Some(prediction) = &predictions[landmark] else { return f64::NEG_INFINITY };
         let density =
             model.log_density(prediction.innovation(seen.range, seen.bearing), model.variances(seen), tempering);
-        // What is far off splits the frame from the rest: so blocks stay small.
+        // Without distant pairs a frame falls into small blocks.
         let is_far = |log: f64| log < clutter + MIN_ADVANTAGE;
         if is_far(density) {
             return f64::NEG_INFINITY;
@@ -84,8 +84,8 @@ pub fn e_step(
     estimate.detection_probability = detection_probability(model, keyframes, estimate);
 }
 
-/// How often a landmark in view is detected. What the sensors' description says counts as much as [`DESCRIBED`] times in view:
-/// it is a guess, and what hides an object is not of the detector.
+/// The probability that a landmark in view is detected. That of the sensors' description counts as [`DESCRIBED`] times in view:
+/// it is a guess, and does not include occlusion.
 pub fn detection_probability(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &Estimate) -> f64 {
     let described = model.sensors.detector.detection_probability;
     let (mut detected, mut in_view) = (DESCRIBED * described, DESCRIBED);
@@ -115,7 +115,7 @@ fn keep_likeliest(pairs: &mut Vec<Pair>, table: &Table) {
     pairs.iter_mut().for_each(|pair| pair.weight = 1.0);
 }
 
-/// π_j(c) ∝ Π p(label | c)^w over the pairs of landmark j; and the sum of its weights. Both go on from what is known
+/// π_j(c) ∝ Π p(label | c)^w over the pairs of landmark j; and the sum of its weights. Both start from the state
 /// `before` the keyframes.
 pub fn class_posteriors(
     model: &SensorModel<'_>,

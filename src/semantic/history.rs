@@ -1,4 +1,4 @@
-//! How a map came about.
+//! The hypotheses and sweeps that led to a map.
 
 use super::estimate::{Estimate, Landmark};
 use crate::geometry::Pose;
@@ -13,7 +13,7 @@ pub struct Candidate {
     pub log_likelihood: f64,
 }
 
-/// What a sweep came to.
+/// The result of a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sweep {
     /// The objective \[nats\].
@@ -30,10 +30,10 @@ impl Sweep {
     }
 }
 
-/// How a map came about: the forward pass, then the sweeps.
+/// The forward pass and the sweeps that led to a map.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
-    /// Of each keyframe the hypotheses that the pass kept, the likeliest first; none where the associations were known.
+    /// For each keyframe the hypotheses that the pass kept, the most likely first; empty if the associations were known.
     pub candidates: Vec<Vec<Candidate>>,
     /// After each sweep over all keyframes; the last is the result, after merging. Online the result alone.
     pub sweeps: Vec<Sweep>,

@@ -45,23 +45,23 @@ pub struct Hypothesis {
     covariance: DMatrix<f64>,
     /// ln p(all detections up to now, under these assignments).
     pub log_likelihood: f64,
-    /// Where its past is kept.
+    /// Index of its past.
     pub past: Option<usize>,
     next_id: usize,
 }
 
-/// A way to go on from a hypothesis: what the detections of a frame show.
+/// A continuation of a hypothesis: an assignment of the detections of a frame.
 #[derive(Clone, Debug)]
 pub struct Branch {
-    /// Of each detection the place of its landmark in the hypothesis; none where it is a new one.
+    /// For each detection the index of its landmark in the hypothesis; `None` if it is a new one.
     pub landmarks: Vec<Option<usize>>,
-    /// That of the hypothesis afterwards.
+    /// Log-likelihood of the continued hypothesis.
     pub log_likelihood: f64,
-    /// The pose afterwards.
+    /// Pose after the update.
     pub pose: Pose,
 }
 
-/// Pairs of a frame, with what an update needs of them.
+/// The pairs of a frame, as the update of the filter takes them.
 struct Pairs {
     /// Detection, landmark and prediction of each.
     pairs: Vec<(usize, usize, Prediction)>,
@@ -72,7 +72,7 @@ struct Pairs {
 }
 
 impl Hypothesis {
-    /// Nothing seen yet; the world's origin is where the robot is.
+    /// The state before the first detection, with the robot at the world's origin.
     pub fn start() -> Self {
         let calibration = Vector3::from(CALIBRATION_SIGMAS).map(|sigma| sigma * sigma);
         let mut covariance = DMatrix::zeros(FIRST_LANDMARK, FIRST_LANDMARK);
@@ -88,7 +88,7 @@ impl Hypothesis {
         }
     }
 
-    /// The place of the landmark of a number; none where it has none, or forgot it.
+    /// The index of the landmark with a number; `None` if it does not exist or was forgotten.
     pub fn place(&self, number: usize) -> Option<usize> {
         self.landmarks.iter().position(|landmark| landmark.id == number)
     }
@@ -129,8 +129,8 @@ impl Hypothesis {
         joint
     }
 
-    /// The likeliest ways to go on, by the joint density of the frame under H Σ Hᵀ + R, the classes, and `log_new`, the
-    /// log-density of a landmark that is new.
+    /// The most likely continuations, by the joint density of the frame under H Σ Hᵀ + R, the classes, and `log_new`, the
+    /// log-density of a new landmark.
     pub fn branches(&self, model: &SensorModel<'_>, seen: &[Detection], log_new: f64, count: usize) -> Vec<Branch> {
         let predictions: Vec<_> =
             self.landmarks.iter().map(|landmark| model.predict(self.pose, landmark.position)).collect();
@@ -182,7 +182,7 @@ impl Hypothesis {
         Some(Branch { landmarks, log_likelihood, pose })
     }
 
-    /// The pairs of an assignment; nothing where it has none, and no result where their covariance is not positive.
+    /// The pairs of an assignment; `Some(None)` if it has none, and `None` if their covariance is not positive definite.
     fn pairs(&self, model: &SensorModel<'_>, seen: &[Detection], landmarks: &[Option<usize>]) -> Option<Option<Pairs>> {
         let mut pairs = Vec::new();
         for (detection, place) in landmarks.iter().enumerate() {
@@ -223,8 +223,8 @@ impl Hypothesis {
         cross
     }
 
-    /// Goes on by an assignment: the filter's update, the classes, and the landmarks that are new. Returns the number of
-    /// the landmark of each detection.
+    /// Follows an assignment: updates the filter and the classes, and adds new landmarks. Returns the number of the landmark of
+    /// each detection.
     pub fn follow(&mut self, model: &SensorModel<'_>, seen: &[Detection], landmarks: &[Option<usize>]) -> Vec<usize> {
         if let Some(Some(pairs)) = self.pairs(model, seen, landmarks) {
             self.update(&pairs);
@@ -260,7 +260,7 @@ impl Hypothesis {
         }
     }
 
-    /// A new landmark, where a detection is; returns its place.
+    /// Adds a landmark at the position of a detection; returns its index.
     fn add(&mut self, model: &SensorModel<'_>, seen: &Detection) -> usize {
         let position = model.position(self.pose, seen);
         let before = self.covariance.nrows();
@@ -297,7 +297,7 @@ impl Hypothesis {
     }
 }
 
-/// By the steps of pose and landmark.
+/// Derivative of a prediction by the steps of pose and landmark.
 fn derivative(prediction: &Prediction) -> SMatrix<f64, 2, 5> {
     let mut derivative = SMatrix::<f64, 2, 5>::zeros();
     derivative.fixed_view_mut::<2, 3>(0, 0).copy_from(&prediction.by_pose);
@@ -317,7 +317,7 @@ struct Fit {
 }
 
 impl Fit {
-    /// `predicted` is the covariance of the prediction; no result where it is not positive.
+    /// `predicted` is the covariance of the prediction; `None` if it is not positive definite.
     fn new(
         model: &SensorModel<'_>,
         seen: &Detection,

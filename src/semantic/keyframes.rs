@@ -1,20 +1,20 @@
-//! The moments at which the robot's pose is estimated.
+//! Keyframes: the times at which the robot's pose is estimated.
 
 use crate::detections::{Detection, Motion, Recording};
 use nalgebra::Vector3;
 
-/// The longest time between two keyframes \[s\]. Where nothing is seen for longer, keyframes without detections come
-/// between: odometry is calibrated arc by arc, and a long way is no arc.
+/// The longest time between two keyframes \[s\]. Where nothing is seen for longer, keyframes without detections are inserted:
+/// the calibration of odometry takes each motion for an arc, which a long one is not.
 const LONGEST_GAP: f64 = 1.0;
 
-/// A moment whose pose is estimated.
+/// A time at which the pose is estimated.
 #[derive(Clone, Debug)]
 pub struct Keyframe {
     /// Seconds.
     pub stamp: f64,
-    /// Number of the frame in the recording; none where nothing was seen.
+    /// Number of the frame in the recording; `None` if nothing was seen.
     pub frame: Option<usize>,
-    /// What was seen in view, with the number in the frame.
+    /// The detections in view, with their numbers in the frame.
     pub seen: Vec<(usize, Detection)>,
     /// The motion since the keyframe before.
     pub motion: Motion,
@@ -22,7 +22,7 @@ pub struct Keyframe {
     pub twist: Vector3<f64>,
 }
 
-/// Keyframes: the frames with detections in view that are at least `interval` \[s\] apart, and moments between them.
+/// Keyframes: the frames with detections in view that are at least `interval` \[s\] apart, and times between them.
 /// Detections that are not `wanted`, by frame and number, are left out.
 pub fn keyframes(recording: &Recording, interval: f64, wanted: impl Fn(usize, usize) -> bool) -> Vec<Keyframe> {
     let view = recording.sensors.view;

@@ -1,4 +1,4 @@
-//! M step (eq. 6): the likeliest path, calibration and landmarks, given the weights.
+//! M step (eq. 6): the most likely path, calibration and landmarks, given the weights.
 
 use super::SemanticError;
 use super::estimate::Estimate;
@@ -26,7 +26,7 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// The factors: odometry, what is known `before` the keyframes or else the origin and the calibration's prior, and each
+    /// The factors: odometry, the state `before` the keyframes or else the origin and the calibration's prior, and each
     /// pair by its weight. Noise of detections is `tempering` times as wide.
     pub fn new(
         model: &SensorModel<'_>,
@@ -106,7 +106,7 @@ impl Problem {
     }
 }
 
-/// What a hypothesis knew: everything older than the window, summed up in one Gaussian of pose, calibration and landmarks.
+/// The prior of a window: everything older, summarised in one Gaussian of pose, calibration and landmarks.
 fn known_before(
     before: &Hypothesis,
     pose: VariableId,

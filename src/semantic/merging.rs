@@ -1,8 +1,8 @@
 //! Landmarks that are mapped twice become one.
 //!
-//! After a while without a landmark the forward pass may have mapped an object anew, beside its old self. Two landmarks of
-//! one class whose places do not differ, by their joint covariance, are taken for one. The objective verifies it, and where
-//! it falls, the merge is undone. Landmarks of clutter are dropped in the same way.
+//! After a while without a landmark, the forward pass may have mapped an object a second time, beside the first. Two landmarks
+//! of one class whose positions agree within their joint covariance are merged. If the objective falls, the merge is undone.
+//! Landmarks of clutter are dropped in the same way.
 
 use super::estimate::Estimate;
 use super::{Mapping, SemanticError};
@@ -10,8 +10,8 @@ use nalgebra::{Matrix2, Vector2};
 
 /// 99.9 % of χ² with two degrees of freedom.
 const GATE: f64 = 13.8;
-/// No object is mapped this far from itself \[m\]: without the bound, landmarks of a loop that is not closed yet, which are
-/// uncertain by metres, would all be alike.
+/// Largest distance of two landmarks that are merged \[m\]: without the bound, all landmarks of a loop that is not closed yet
+/// would agree, as they are uncertain by metres.
 const FARTHEST: f64 = 1.5;
 
 /// Two landmarks that may be one, and how far they are apart.
@@ -49,7 +49,7 @@ fn squared_distance(apart: Vector2<f64>, covariance: Matrix2<f64>) -> f64 {
     covariance.try_inverse().map_or(f64::INFINITY, |inverse| (inverse * apart).dot(&apart))
 }
 
-/// The estimate with these landmarks in one: the lighter one's pairs are the heavier one's.
+/// The estimate with these landmarks merged: the heavier one takes over the pairs of the lighter one.
 fn merged(estimate: &Estimate, twins: &[Twins]) -> Estimate {
     let mut merged = estimate.clone();
     let mut into: Vec<usize> = (0..estimate.landmarks.len()).collect();
@@ -88,8 +88,8 @@ fn merge_all(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut f64) ->
     Ok(false)
 }
 
-/// Merges two landmarks that are no farther apart than one detection errs: errors of detections from one place are alike,
-/// and twins are farther apart than the graph believes. One at a time, for other objects may stand as near.
+/// Merges two landmarks that are no farther apart than the error of one detection: errors of detections from one place are
+/// correlated, so the covariance of the graph is too small. One pair at a time, as distinct objects may be as close.
 fn merge_neighbours(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut f64) -> Result<bool, SemanticError> {
     let noise = mapping.model.sensors.noise;
     for pair in twins(mapping, best, noise.range.hypot(noise.position))? {
@@ -112,7 +112,7 @@ fn drop_lightest(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut f64
     try_out(mapping, trial, best, objective)
 }
 
-/// Takes a trial, after one sweep more, if it is better.
+/// Accepts a trial if its objective is higher after one more sweep.
 fn try_out(
     mapping: &Mapping<'_>,
     mut trial: Estimate,

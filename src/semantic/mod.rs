@@ -1,35 +1,35 @@
 //! Semantic SLAM in the plane by expectation maximisation (S. L. Bowman, N. Atanasov, K. Daniilidis, G. J. Pappas,
 //! "Probabilistic Data Association for Semantic SLAM", ICRA 2017).
 //!
-//! A recording holds odometry and detections: objects of a class at a range and bearing, and nobody tells which object.
-//! Wanted are the path x, the landmarks l with their classes, and which detection shows which landmark. The paper takes
-//! the last one for a hidden variable D:
+//! A recording holds odometry and detections: objects of a class at a range and bearing, without identity. Wanted are the
+//! path x, the landmarks l with their classes, and which detection shows which landmark. The paper treats this data
+//! association as a hidden variable D:
 //!
 //! - E step (eq. 5): w_kj = Σ over assignments D with D(k) = j of p(D | x, l, detections), for every keyframe.
 //! - M step (eq. 6): x, l = arg min Σ w_kj ρ(detection k less landmark j as seen) + odometry.
 //!
 //! Here both go over all keyframes in each sweep, where the paper weighs a keyframe once; ρ is Cauchy's loss, and the
 //! odometry's calibration (forward scale, turn scale, curvature) is estimated with the path, and so is how often an object in
-//! view is detected: a map is wrong where its objects are in view and not seen.
+//! view is detected: a map whose objects are in view and not detected is wrong.
 //!
-//! EM polishes and does not rescue: it needs a start in the right basin. That is found by a beam of hypotheses in a forward
-//! pass, run with several densities of new landmarks. The sweeps polish each run, landmarks mapped twice are merged, clutter
+//! EM converges to a local optimum, so it needs a start in the right basin. That is found by a beam of hypotheses in a forward
+//! pass, run with several densities of new landmarks. The sweeps refine each run, landmarks mapped twice are merged, clutter
 //! is dropped, and the run of the highest objective is the result.
 //!
 //! | File | Task |
 //! |---|---|
-//! | `config` | what can be set |
-//! | `keyframes` | the moments whose pose is estimated |
+//! | `config` | the configuration |
+//! | `keyframes` | the times at which the pose is estimated |
 //! | `sensor_model` | densities of detections and motions |
 //! | `hypothesis`, `beam` | the forward pass |
 //! | `window` | the same online, a few keyframes at a time |
-//! | `estimate` | path, map, weights, and the objective |
-//! | `history` | how the result came about |
+//! | `estimate`, `objective` | path, map and weights; how good they are |
+//! | `history` | hypotheses and sweeps that led to the result |
 //! | `e_step`, `m_step` | the sweeps |
 //! | `merging` | landmarks mapped twice, and clutter |
-//! | `result` | what comes out |
-//! | `verdict` | whether to believe the map |
-//! | `progress` | how much is done |
+//! | `result` | the result |
+//! | `verdict` | whether the map is consistent with the data |
+//! | `progress` | progress of several runs |
 //!
 //! The world's origin is the pose at the first keyframe. Metres, radians, seconds; log-likelihoods in nats.
 
@@ -42,6 +42,7 @@ mod hypothesis;
 mod keyframes;
 mod m_step;
 mod merging;
+mod objective;
 mod progress;
 mod result;
 mod sensor_model;
@@ -69,17 +70,17 @@ use rayon::prelude::*;
 use sensor_model::SensorModel;
 use std::collections::BTreeMap;
 
-/// Annealing: the first sweep multiplies the noise of detections by this, the last one by 1. Else landmarks that are alike
-/// would fix their weights before the path has settled.
+/// Annealing: the first sweep multiplies the noise of detections by this, the last one by 1. Otherwise the weights of
+/// ambiguous landmarks would be decided before the path has converged.
 const FIRST_TEMPERING: f64 = 3.0;
-/// A landmark goes whose weights sum to less: one detection alone is as likely clutter.
+/// Landmarks whose weights sum to less are dropped: a single detection is as likely clutter.
 const MIN_LANDMARK_WEIGHT: f64 = 1.5;
 
 /// Why a recording cannot be mapped.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SemanticError {
-    /// A value of the configuration cannot be.
+    /// A value of the configuration is out of its range.
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// There is nothing to map.
@@ -95,10 +96,10 @@ pub enum SemanticError {
 /// Which object each detection of each frame shows, where that is known.
 pub type Objects = [Vec<Option<u64>>];
 
-/// Maps a recording. `progress` is told the share that is done, 0 to 1.
+/// Maps a recording. `progress` is called with the share that is done, 0 to 1.
 ///
 /// # Errors
-/// The configuration cannot be, nothing was seen, or a graph has no solution.
+/// A value of the configuration is out of its range, nothing was seen, or a graph has no solution.
 pub fn map(
     recording: &Recording,
     config: &SemanticConfig,
@@ -107,7 +108,7 @@ pub fn map(
     with_mapping(recording, config, progress, |_, _| true, |mapping| mapping.map())
 }
 
-/// Maps a recording whose associations are known: how good the rest can be at best. Detections of no object are left out.
+/// Maps a recording with known associations: the best that the other parts can reach. Detections of no object are left out.
 ///
 /// # Errors
 /// Those of [`map`].
@@ -121,7 +122,7 @@ pub fn map_known(
     with_mapping(recording, config, progress, is_known, |mapping| mapping.map_known(objects))
 }
 
-/// Prepares a recording of which some detections are `wanted`, and does something with it.
+/// Prepares the `wanted` detections of a recording and maps them by `work`.
 fn with_mapping(
     recording: &Recording,
     config: &SemanticConfig,
@@ -146,16 +147,16 @@ struct Mapping<'a> {
     keyframes: &'a [Keyframe],
     config: &'a SemanticConfig,
     progress: &'a Progress<'a>,
-    /// What is known of the first one from those before it.
+    /// The state at the first keyframe by the keyframes before it.
     before: Option<&'a Hypothesis>,
 }
 
-/// What came of one density of new landmarks.
+/// The result with one density of new landmarks.
 struct Run {
     estimate: Estimate,
     objective: f64,
     history: History,
-    /// Of each pose.
+    /// Covariance of each pose.
     covariances: Vec<Matrix3<f64>>,
 }
 
@@ -221,13 +222,13 @@ impl Mapping<'_> {
         Ok(Run { estimate, objective, history: History { candidates: beam.candidates, sweeps }, covariances })
     }
 
-    /// E and M steps from what a forward pass leads to; each sweep is told.
-    fn sweeps(&self, pass: Pass, mut tell: impl FnMut(&Estimate)) -> Result<Estimate, SemanticError> {
+    /// E and M steps from the estimate of a forward pass; `report` is called after each sweep.
+    fn sweeps(&self, pass: Pass, mut report: impl FnMut(&Estimate)) -> Result<Estimate, SemanticError> {
         let mut estimate = self.start(pass);
         self.maximise(&mut estimate, FIRST_TEMPERING)?;
         for tempering in self.temperings() {
             self.sweep(&mut estimate, tempering)?;
-            tell(&estimate);
+            report(&estimate);
         }
         Ok(estimate)
     }
@@ -294,7 +295,7 @@ impl Mapping<'_> {
         estimate.objective(self.model, self.keyframes, self.config.landmark_cost)
     }
 
-    /// The covariances of the poses; those of the landmarks are written to them.
+    /// The covariances of the poses; those of the landmarks are stored in the estimate.
     fn covariances(&self, estimate: &mut Estimate) -> Result<Vec<Matrix3<f64>>, SemanticError> {
         let problem = self.problem(estimate, 1.0)?;
         let covariances = problem.covariances()?;

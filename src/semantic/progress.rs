@@ -1,4 +1,4 @@
-//! How much of the mapping is done.
+//! Progress of the mapping.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -6,23 +6,23 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 pub struct Progress<'a> {
     done: AtomicUsize,
     all: usize,
-    tell: &'a (dyn Fn(f64) + Sync),
+    report: &'a (dyn Fn(f64) + Sync),
 }
 
 impl<'a> Progress<'a> {
-    /// Nothing done of so many steps.
-    pub fn new(tell: &'a (dyn Fn(f64) + Sync), all: usize) -> Self {
-        Self { done: AtomicUsize::new(0), all, tell }
+    /// No step done of `all`; `report` is called with the share that is done, 0 to 1.
+    pub fn new(report: &'a (dyn Fn(f64) + Sync), all: usize) -> Self {
+        Self { done: AtomicUsize::new(0), all, report }
     }
 
     /// One step more.
     pub fn advance(&self) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
-        (self.tell)(done as f64 / self.all as f64);
+        (self.report)(done as f64 / self.all as f64);
     }
 
     /// All is done.
     pub fn finish(&self) {
-        (self.tell)(1.0);
+        (self.report)(1.0);
     }
 }

@@ -1,4 +1,4 @@
-//! What comes out.
+//! The result of mapping a recording.
 
 use super::estimate::Landmark;
 use super::history::History;
@@ -27,11 +27,11 @@ pub struct RunScore {
     pub new_density: f64,
     /// The objective \[nats\].
     pub objective: f64,
-    /// How many landmarks it has.
+    /// Number of landmarks.
     pub landmarks: usize,
 }
 
-/// A moment of the path.
+/// The estimate at a keyframe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mapped {
     /// Seconds.
@@ -40,14 +40,14 @@ pub struct Mapped {
     pub pose: Pose,
     /// Covariance of the pose in its own frame: forward, sideways \[m\], turn \[rad\]; as seen from the first pose.
     pub covariance: Matrix3<f64>,
-    /// Number of the frame in the recording; none where nothing was seen.
+    /// Number of the frame in the recording; `None` if nothing was seen.
     pub frame: Option<usize>,
 }
 
 /// A recording, mapped.
 #[derive(Clone, Debug)]
 pub struct SemanticMap {
-    /// The moments whose pose was estimated.
+    /// The path: the estimates at all keyframes.
     pub keyframes: Vec<Mapped>,
     /// The map.
     pub landmarks: Vec<Landmark>,
@@ -59,13 +59,13 @@ pub struct SemanticMap {
     pub detection_probability: f64,
     /// The objective \[nats\].
     pub objective: f64,
-    /// All runs, in the order of [`NEW_DENSITIES`](super::NEW_DENSITIES); none where the associations were known.
+    /// All runs, in the order of [`NEW_DENSITIES`](super::NEW_DENSITIES); empty if the associations were known.
     pub runs: Vec<RunScore>,
-    /// How many detections were used.
+    /// Number of detections that were used.
     pub detections: usize,
-    /// Whether the map can be believed.
+    /// Whether the map is consistent with the data.
     pub verdict: Verdict,
-    /// How the run came about that the objective chose.
+    /// The history of the run that the objective chose.
     pub history: History,
 }
 

@@ -1,4 +1,4 @@
-//! What a detection and a motion say, as densities.
+//! Densities of detections and motions.
 
 use crate::association::class_log_likelihood;
 use crate::detections::{Detection, Recording, Sensors, View};
@@ -7,17 +7,17 @@ use crate::geometry::Pose;
 use nalgebra::{DMatrix, Point2, Vector2, Vector3};
 use std::f64::consts::{PI, TAU};
 
-/// Scale c of the loss ½ c² ln(1 + d²/c²), in standard deviations: real detections have gross outliers, and beyond three
-/// standard deviations a normal error is not to be expected in a few hundred.
+/// Scale c of Cauchy's loss ½ c² ln(1 + d²/c²), in standard deviations: real detections have gross outliers, and of a few hundred
+/// normal errors none is expected beyond three standard deviations.
 pub const LOSS_SCALE: f64 = 3.0;
-/// A detector that never takes one class for another is not known: no label is less likely than this.
+/// Lower bound of the probability of a label: no real detector is free of confusions.
 const MIN_CONFUSION: f64 = 1e-3;
-/// Standard deviations of the calibration before anything was seen: forward scale, turn scale, curvature \[rad/m\].
-/// Wheels and tracks that were never measured are off by about a tenth, and pull to one side by a few degrees a metre.
+/// Prior standard deviations of the calibration: forward scale, turn scale, curvature \[rad/m\]. Uncalibrated wheels and tracks
+/// are off by about a tenth and pull to one side by a few degrees per metre.
 pub const CALIBRATION_SIGMAS: [f64; 3] = [0.1, 0.1, 0.05];
 /// An object is in view for certain this far from the edges of the view \[standard deviations\].
 const INSIDE: f64 = 3.0;
-/// A sensor looks ahead, and not all round, if it saw nothing in so wide a sector to each side of straight behind \[rad\].
+/// A sensor that saw nothing within this angle of straight behind \[rad\] is taken to have a limited field of view.
 const OPEN: f64 = 0.5;
 /// No motion is known better than this \[m, rad\].
 const MIN_MOTION_SIGMA: f64 = 1e-4;
@@ -25,7 +25,7 @@ const MIN_MOTION_SIGMA: f64 = 1e-4;
 /// The sensors of a recording.
 #[derive(Clone, Debug)]
 pub struct SensorModel<'a> {
-    /// As they are described.
+    /// Their description.
     pub sensors: &'a Sensors,
     view: View,
     confusion: DMatrix<f64>,
@@ -43,7 +43,7 @@ impl<'a> SensorModel<'a> {
         Self { sensors, view: closed_view(recording), confusion: DMatrix::from_fn(count, count, entry) }
     }
 
-    /// How many classes there are.
+    /// Number of classes.
     pub fn classes(&self) -> usize {
         self.confusion.nrows()
     }
@@ -69,7 +69,7 @@ impl<'a> SensorModel<'a> {
         Vector2::new(range * range, bearing * bearing)
     }
 
-    /// A landmark as seen from a pose; none where it stands in the sensor.
+    /// A landmark as seen from a pose; `None` if it coincides with the sensor.
     pub fn predict(&self, world_from_robot: Pose, landmark: Point2<f64>) -> Option<Prediction> {
         let prediction = RangeBearing::predict(world_from_robot, landmark, self.sensors.robot_from_sensor);
         (prediction.mean.x >= 1e-6).then_some(prediction)
@@ -102,8 +102,8 @@ impl<'a> SensorModel<'a> {
     }
 }
 
-/// What the sensor sees by its description. Where that leaves the farthest range or the bearings open, as it does by default,
-/// nothing was seen beyond the outermost detections.
+/// The field of view by the sensor's description. If the description leaves the range or the bearings unlimited, as it does by
+/// default, the outermost detections limit them.
 fn closed_view(recording: &Recording) -> View {
     let mut view = recording.sensors.view;
     let seen = || recording.frames.iter().flat_map(|frame| frame.in_view(recording.sensors.view)).map(|(_, seen)| seen);

@@ -1,7 +1,7 @@
-//! Whether a map can be believed, from what is known without the truth.
+//! Whether a map is consistent with the data, judged without ground truth.
 //!
-//! A map of the wrong turn fits its detections nearly as well as the right one. It shows by what is not there: where a robot
-//! comes back to a place and maps it anew, the objects of the first map are in view, and none of them is seen.
+//! A map with a wrong association fits its detections nearly as well as the right one. It is recognised by missed detections:
+//! where a robot returns to a place and maps it a second time, the objects of the first map are in view and are not detected.
 
 use super::estimate::Estimate;
 use super::keyframes::Keyframe;
@@ -10,26 +10,26 @@ use crate::factor_graph::Odometry;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-/// An object was in view for long where so many detections of it were to be expected: e⁻⁵, less than a hundredth, is the
-/// probability of none.
+/// A visit is long if this number of detections of the object is expected in it: the probability of none is e⁻⁵, less than a
+/// hundredth.
 const LONG_VISIT: f64 = 5.0;
 
-/// A map is doubted where less than this share of the detections shows its objects.
+/// A map is doubted if a smaller share of the detections shows its objects.
 const LEAST_EXPLAINED: f64 = 0.8;
-/// A map is doubted where its objects are not seen in more than this share of the time of long visits. Chance alone would
-/// leave them unseen in a hundredth; what stands in front of them accounts for some more.
+/// A map is doubted if its objects are not detected in a larger share of the time of long visits. Chance accounts for a
+/// hundredth, occlusion for some more.
 const MOST_UNSEEN: f64 = 0.1;
-/// Errors are doubted whose square is more than this many times what the sensors' description leads to expect.
+/// A map is doubted if its mean squared errors are larger than this many times the variances of the sensors.
 const MOST_ERROR: f64 = 2.0;
-/// A calibration is doubted that is more unlikely than 0.3 % \[standard deviations\].
+/// A calibration is doubted beyond this many standard deviations, which 0.3 % exceed.
 const MOST_CALIBRATION: f64 = 3.0;
 
-/// What speaks for a map, and against it.
+/// Evidence for and against a map.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Verdict {
     /// Share of the detections that show an object of the map rather than clutter.
     pub explained: f64,
-    /// Of the time that objects were in view for long, the share in which they were not seen at all; none where no object
+    /// Of the time that objects were in view for long, the share in which they were not seen at all; `None` if no object
     /// was in view for long.
     pub unseen: Option<f64>,
     /// Mean squared error of the detections per number, in their variances; errors of more than three standard deviations
@@ -40,13 +40,13 @@ pub struct Verdict {
     pub odometry_error: f64,
     /// The largest change that calibration makes \[standard deviations of its prior\].
     pub calibration: f64,
-    /// Of the other runs, how many came to the same path, within three standard deviations of each position; none where
-    /// there was no other run.
+    /// The number of other runs that found the same path, within three standard deviations of each position; `None` if there
+    /// was no other run.
     pub agreeing_runs: Option<usize>,
 }
 
 impl Verdict {
-    /// Looks at an estimate.
+    /// Evaluates an estimate.
     pub(super) fn new(
         model: &SensorModel<'_>,
         keyframes: &[Keyframe],
@@ -66,7 +66,7 @@ impl Verdict {
         }
     }
 
-    /// Reasons to doubt the map, one sentence each; none where it is consistent.
+    /// Reasons to doubt the map, one sentence each; empty if it is consistent.
     pub fn doubts(&self) -> Vec<String> {
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         let mut doubts = Vec::new();
@@ -96,7 +96,7 @@ impl Verdict {
         doubts
     }
 
-    /// Whether nothing speaks against the map.
+    /// Whether there is no reason to doubt the map.
     pub fn is_consistent(&self) -> bool {
         self.doubts().is_empty()
     }
@@ -149,7 +149,7 @@ fn unseen(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &Estimate) 
         }
     }
     visits.extend(open);
-    // How often an object is seen, where it is seen at all.
+    // Detection rate of an object in the visits that detect it.
     let is_seen = |visit: &&Visit| visit.seen >= 0.5;
     let sum = |value: fn(&Visit) -> f64| visits.iter().filter(is_seen).map(value).sum::<f64>();
     let rate = sum(|visit| visit.seen) / sum(|visit| visit.frames);

@@ -1,12 +1,12 @@
-//! Online: a window of keyframes is estimated at once, and what leaves it stays as it is.
+//! Online mapping with a fixed-lag smoother: a sliding window of keyframes is optimised, and older poses are final.
 //!
-//! The forward pass is online anyway. Behind it, whenever half a window is new, E and M steps go over the window. All that
-//! is older is summed up by the filter of the likeliest hypothesis as it was where the window begins: a Gaussian of pose,
-//! calibration and landmarks together. Older poses are so marginalised and not fixed: a robot that comes back to old
-//! landmarks still moves the poses of the window and the landmarks, as far as both are in doubt. Only older poses do not move
-//! any more. A step takes a bounded time, and a pose is final half a window to one window after it was driven.
+//! The forward pass is online anyway. Whenever half a window is new, E and M steps go over the window. Everything older is
+//! summarised by the filter of the most likely hypothesis at the start of the window: a joint Gaussian of pose, calibration and
+//! landmarks. Older poses are thus marginalised, not fixed: when the robot returns to old landmarks, the poses of the window and
+//! the landmarks still move within their uncertainty. A step takes bounded time, and a pose is final half a window to one window
+//! after it was recorded.
 //!
-//! When the recording is over, one more E step weighs all detections by the path and the map that were found.
+//! At the end, one more E step weighs all detections by the path and the map that were found.
 
 use super::beam::Beam;
 use super::estimate::Estimate;
@@ -29,7 +29,7 @@ pub fn run(mapping: &Mapping<'_>, mut beam: Beam<'_>) -> Result<Run, SemanticErr
             mapping.progress.advance();
         }
         beam.keep_states();
-        // The last keyframe before the window: what it saw is in its state already.
+        // The last keyframe before the window: its detections are in its state already.
         let boundary = first.checked_sub(half + 1);
         let mut window: Vec<Keyframe> = all[boundary.unwrap_or(0)..end].to_vec();
         let before = boundary.and_then(|_| beam.state(window.len() - 1));

@@ -1,4 +1,4 @@
-//! Everything that can be set about mapping, with the defaults and the paper's own values.
+//! The configuration of mapping, with the defaults and the paper's own values.
 
 use crate::ablation::{AblationConfig, Latent, MatchingRule, MergingMethod};
 use crate::clustering::ClusteringConfig;
@@ -22,7 +22,7 @@ pub struct SlamConfig {
     pub seed: u64,
     /// Pose particles: a multiple of the maps, up to ten million.
     pub particles: usize,
-    /// Map hypotheses, at least 1. `particles == maps` is the paper's filter.
+    /// Map hypotheses, 1 to 100 000. `particles == maps` is the paper's filter.
     pub maps: usize,
     /// From ranges to points.
     pub scan: ScanConfig,
@@ -51,7 +51,7 @@ pub struct SlamConfig {
 }
 
 parameters! {
-    /// What weights are worth.
+    /// Tempering of weights, and resampling.
     pub struct FilterConfig {
         /// Log-likelihoods are multiplied by this: neighbouring beams do not err independently. 1 in the paper.
         temper: f64 = 0.025, in 1e-6..=1e3;
@@ -131,13 +131,13 @@ impl SlamConfig {
         }
     }
 
-    /// What loops take of it.
+    /// The part of it that closing loops takes.
     pub fn closer(&self) -> Closer {
         let Self { likelihood, matching, merging, ablation, loops, .. } = *self;
         Closer { loops, likelihood, matching, merging, ablation }
     }
 
-    /// What smoothing takes of it.
+    /// The part of it that smoothing takes.
     pub fn smoother(&self) -> Smoother {
         let Self { scan, likelihood, matching, merging, ablation, smoothing, .. } = *self;
         Smoother { scan, likelihood, matching, merging, ablation, smoothing }

@@ -1,9 +1,12 @@
-//! The motion of the robot since the last step of a filter: what odometry says, and as scans have corrected it since.
+//! The motion of the robot since the last step of a filter: by odometry, and as corrected by scans.
 //!
-//! Odometry is not always a measurement. A motion that no robot can have driven, between two readings, is none: the robot
-//! goes on as before, with the doubt of a motion that nobody measured, and scan matching decides. So is odometry that never
-//! changes. Where it stops changing, the robot stands or odometry is late: the doubt is as far as the robot drives on at its
-//! speed. Once it changes again, its motion began where it stopped changing, and not where scans have followed the robot since.
+//! Odometry is not always a measurement:
+//! - A motion between two readings that no robot can have driven is refused. The robot is taken to move on at its velocity, with
+//!   the noise of an unmeasured motion, and scan matching decides.
+//! - Odometry that never changes measures nothing; the noise is that of an unmeasured motion.
+//! - Odometry that stops changing means that the robot stands or that odometry is late. The noise then covers the distance that
+//!   the robot would have driven at its velocity. When odometry changes again, its motion starts at the pose where it stopped
+//!   changing, not at the pose to which scans have tracked the robot since.
 
 use crate::geometry::Pose;
 use crate::motion::{Motion, MotionConfig, Travel};
@@ -14,43 +17,42 @@ mod learnt;
 pub use learnt::OdometryErrors;
 
 parameters! {
-    /// How the robot is followed between steps, and when a step is taken.
+    /// How the robot is tracked between steps, and when a step is taken.
     pub struct TrackingConfig {
         /// A step is taken once the robot has moved this far \[m\] or turned by `step_turn`. Both zero: a step every scan, as
         /// in the paper.
         step_distance: f64 = 0.3, in 0.0..=f64::INFINITY;
         /// A step is taken once the robot has turned this far \[rad\] or moved by `step_distance`.
         step_turn: f64 = 0.2, in 0.0..=f64::INFINITY;
-        /// Starts of scan matching at each scan, drawn from the motion model; 0 follows odometry alone, as in the paper.
+        /// Starts of scan matching at each scan, drawn from the motion model; 0 uses odometry alone, as in the paper.
         starts: u32 = 24, in 0.0..=1e6;
-        /// Faster motions are none \[m/s\]: no robot with a plane laser drives as fast indoors.
+        /// Odometry that moves faster is refused \[m/s\]: no robot with a planar laser drives as fast indoors.
         max_speed: f64 = 5.0, in 1e-3..=f64::INFINITY;
-        /// Faster turns are none \[rad/s\]: robots on two wheels turn at up to 3.
+        /// Odometry that turns faster is refused \[rad/s\]: robots on two wheels turn at up to 3.
         max_turn_rate: f64 = 4.0, in 1e-3..=f64::INFINITY;
-        /// Motions that change the speed faster are none \[m/s²\]; tyres slide at about 10.
+        /// Odometry that accelerates faster is refused \[m/s²\]: tyres slide at about 10.
         max_acceleration: f64 = 10.0, in 1e-3..=f64::INFINITY;
     }
 }
 
-/// Between two readings at least this much time is taken to have passed \[s\]: logs lose readings, and stamps are often those
-/// of receipt, which jitter by as much.
+/// The time between two readings is taken to be at least this \[s\]: logs lose readings, and stamps of receipt jitter by as much.
 const MIN_ELAPSED: f64 = 0.5;
-/// No guess of a motion reaches further \[s\].
+/// A motion is extrapolated for at most this time \[s\].
 const MAX_GUESS: f64 = 1.0;
 /// Odometry is late once it has not changed for this share of its period: stamps jitter.
 const LATE: f64 = 0.9;
-/// What one interval counts in the average of the period: that of the last ten.
+/// Weight of a new interval in the running average of the period, which so covers about ten of them.
 const PERIOD_SHARE: f64 = 0.1;
 /// A scan tells the error of a motion where it knows the motion to this share of the error that odometry is expected to have.
 const SURE: f64 = 0.5;
 
 impl TrackingConfig {
-    /// Whether a robot that has moved so since the last step is still too near for another one.
+    /// Whether a robot that has moved by this since the last step is still too near to it for another one.
     pub fn is_too_near(&self, moved: Pose) -> bool {
         moved.x.hypot(moved.y) < self.step_distance && moved.heading.abs() < self.step_turn
     }
 
-    /// Whether a robot can have moved so in this time \[s\], after a motion at `speed` \[m/s\].
+    /// Whether a robot that drove at `speed` \[m/s\] can have made this motion in this time \[s\].
     fn can_be_driven(&self, moved: Pose, seconds: f64, speed: f64) -> bool {
         let seconds = if seconds > 0.0 { seconds.max(MIN_ELAPSED) } else { MAX_GUESS };
         let distance = moved.x.hypot(moved.y);
@@ -66,12 +68,12 @@ struct Change {
     odom_from_robot: Pose,
 }
 
-/// Where odometry stopped changing, relative to the last step.
+/// The pose where odometry stopped changing, relative to the last step.
 #[derive(Clone, Copy, Debug)]
 struct Stall {
     by_odometry: Pose,
     tracked: Pose,
-    /// What it may have missed since.
+    /// Motion that it may have missed since.
     missed: Travel,
 }
 
@@ -86,7 +88,7 @@ pub struct Tracker {
     stall: Option<Stall>,
     /// Time from one change of odometry to the next, on average \[s\].
     period: Option<f64>,
-    /// The last motion that was believed, a second of it: forward and sideways \[m/s\], turn \[rad/s\].
+    /// Velocity by the motions that were accepted: forward and sideways \[m/s\], turn \[rad/s\].
     velocity: Pose,
     since_step: Travel,
     /// The motion from the last step to the last scan that corrected it, and the travel since.
@@ -99,7 +101,7 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// Nothing has moved.
+    /// A tracker before the first reading.
     pub fn new(motion: MotionConfig, tracking: TrackingConfig) -> Self {
         Self {
             motion,
@@ -119,7 +121,7 @@ impl Tracker {
         }
     }
 
-    /// Adds the motion since the last reading. Poses that are not finite move nothing and are forgotten.
+    /// Adds the motion since the last reading. Poses that are not finite are refused and have no other effect.
     pub fn add(&mut self, stamp: f64, odom_from_robot: Pose) {
         if !odom_from_robot.is_finite() {
             self.refused.push(stamp);
@@ -137,7 +139,7 @@ impl Tracker {
         }
         self.last = Some(Change { stamp, odom_from_robot });
         let moved = odom_from_robot.seen_from(last.odom_from_robot);
-        // No odometry is later than that: a robot that stood for an hour cannot have driven a mile.
+        // Odometry is late by a second at most: a robot that stood for an hour cannot have driven a mile since.
         let seconds = stamp - last.stamp.max(before - MAX_GUESS);
         let speed = self.velocity.x.hypot(self.velocity.y);
         let stall = self.stall.take();
@@ -148,12 +150,12 @@ impl Tracker {
             self.travel(Travel::unmeasured(guess, elapsed));
             return;
         }
-        self.believe(moved, seconds);
+        self.accept(moved, seconds);
         let mut travel = Travel::measured(moved);
         if let Some(Stall { by_odometry, tracked, missed }) = stall {
             self.since_step = self.since_step.moved_to(by_odometry);
             self.since_correction = self.since_correction.moved_to(tracked.seen_from(self.corrected.mean));
-            // Odometry that was late may still be.
+            // Odometry that was late may still be late.
             travel = travel.then(&missed);
         }
         self.travel(travel);
@@ -162,7 +164,7 @@ impl Tracker {
     /// Odometry has not changed for `unchanged` \[s\], `elapsed` of them since the last reading.
     fn stand(&mut self, unchanged: f64, elapsed: f64) {
         let Some(period) = self.period else {
-            // It never has: nothing measures the robot.
+            // It never changed: nothing measures the motion.
             return self.travel(Travel::unmeasured(Pose::IDENTITY, elapsed));
         };
         if unchanged > MAX_GUESS {
@@ -183,9 +185,9 @@ impl Tracker {
         self.since_correction = self.since_correction.then(&travel);
     }
 
-    /// The velocity follows the motions of the last half second, and the period the intervals; stamps that stand still or go
-    /// backwards tell of neither.
-    fn believe(&mut self, moved: Pose, seconds: f64) {
+    /// Updates the velocity, averaged over the last half second, and the period, averaged over the last intervals. Stamps that
+    /// are repeated or go backwards change neither.
+    fn accept(&mut self, moved: Pose, seconds: f64) {
         if seconds > 0.0 {
             let share = (seconds / MIN_ELAPSED).min(1.0);
             let blend = |old: f64, moved: f64| old + share * (moved / seconds - old);
@@ -201,15 +203,15 @@ impl Tracker {
         self.since_step.motion(&self.noise(), self.velocity)
     }
 
-    /// The motion since the last step, as scans have corrected it since. The floors of odometry's noise stay in it: a scan that
-    /// is taken at its word says more than it knows.
+    /// The motion since the last step, as corrected by scans. The floors of the odometry's noise are always added, as the
+    /// information of a scan match is overconfident.
     pub fn tracked(&self) -> Motion {
         let has_moved = self.since_correction != Travel::default();
         let velocity = if has_moved { self.velocity } else { Pose::IDENTITY };
         self.corrected.then(&self.since_correction.motion(&self.noise(), velocity))
     }
 
-    /// A scan has corrected the motion since the last step.
+    /// Sets the motion since the last step to what a scan match found.
     pub fn correct(&mut self, tracked: Motion) {
         self.corrected = tracked;
         self.is_corrected = true;
@@ -244,7 +246,7 @@ impl Tracker {
         }
     }
 
-    /// A step was taken here.
+    /// Starts a new step at the current pose.
     pub fn begin_step(&mut self) {
         self.learn();
         let now = self.tracked().mean;
@@ -257,7 +259,7 @@ impl Tracker {
         self.is_corrected = false;
     }
 
-    /// Stamps \[s\] of the odometry that no robot can have driven, in the order of the log.
+    /// Stamps \[s\] of the odometry that was refused, in the order of the log.
     pub fn refused(&self) -> &[f64] {
         &self.refused
     }
@@ -289,14 +291,14 @@ mod tests {
     }
 
     #[test]
-    fn odometry_that_can_be_driven_is_believed() {
+    fn odometry_that_can_be_driven_is_accepted() {
         let tracker = drive(|_, pose| pose);
         assert!(tracker.refused().is_empty());
         assert!((tracker.by_odometry().mean.x - 4.95).abs() < 1e-9);
         assert!((tracker.by_odometry().covariance[(0, 0)].sqrt() - 0.505).abs() < 1e-9);
     }
 
-    /// The robot goes on as before: a spike costs two readings, a restart one, and what follows is believed again.
+    /// The robot goes on as before: a spike costs two readings, a restart one, and what follows is accepted again.
     #[test]
     fn a_jump_is_no_motion() {
         let far = Pose::new(5.0, 0.0, 0.0);

@@ -11,16 +11,16 @@ use std::collections::BTreeMap;
 
 /// The first position and heading are the origin \[m, rad\].
 const ORIGIN_SIGMA: f64 = 1e-4;
-/// Of the gyroscope's bias, as rest tells it \[rad/s\].
+/// Of the gyroscope's bias, as estimated at rest \[rad/s\].
 const RATE_BIAS_SIGMA: f64 = 2e-3;
-/// Of the accelerometer's bias, of which rest tells nothing \[m/s²\].
+/// Of the accelerometer's bias, which is not observable at rest \[m/s²\].
 const FORCE_BIAS_SIGMA: f64 = 0.2;
 /// A body at rest moves so fast \[m/s\].
 const REST_SIGMA: f64 = 1e-2;
 /// Of Cauchy's loss, in standard deviations: where all features are right, it has 95 % of the efficiency of squares.
 const LOSS_SCALE: f64 = 2.385;
 
-/// Readings tell nothing about a motion that is over before the next one \[s\].
+/// A motion that is over before the next reading is not observed \[s\].
 const MAX_GAP: f64 = 0.1;
 
 /// Variables of a state: pose, velocity, bias.
@@ -96,7 +96,7 @@ impl<'a> Keyframes<'a> {
         Ok(solution)
     }
 
-    /// The first state: position and heading are the origin, and gravity tells the other angles, as far as the
+    /// The first state: position and heading are the origin, and gravity determines the other angles, as far as the
     /// accelerometer's bias lets it.
     fn add_priors(&self, graph: &mut Graph, [pose, _, bias]: StateIds) -> Result<(), VisualInertialError> {
         let tilt = FORCE_BIAS_SIGMA / GRAVITY.norm();
@@ -110,7 +110,7 @@ impl<'a> Keyframes<'a> {
         Ok(())
     }
 
-    /// No speed while the body rests: pictures do not tell there how far the features are.
+    /// No speed while the body rests: without motion, images do not show the distance of features.
     fn add_rest(&self, graph: &mut Graph, ids: &[StateIds]) -> Result<(), VisualInertialError> {
         let resting = self.states.iter().zip(ids).take_while(|(state, _)| state.stamp <= self.rest.end);
         for (_, [_, velocity, _]) in resting {

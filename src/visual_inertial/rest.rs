@@ -1,4 +1,4 @@
-//! What rest tells about an inertial sensor.
+//! Calibration of an inertial sensor at rest.
 
 use crate::inertial::{GRAVITY, ImuBias, ImuReading};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};

@@ -10,7 +10,6 @@ use ipslam::ppca::Cluster;
 use ipslam::report::{Confidence, Estimate, Estimator as _, Event};
 use ipslam::scan::{Scan, ScanConfig};
 use ipslam::simulate::{Laser, Plan, Simulation, SimulationConfig, Wall};
-use nalgebra::Point2;
 use std::sync::LazyLock;
 
 /// A pose is right this close to the truth [m, rad]: the map is one of cells of 5 cm.
@@ -229,7 +228,8 @@ fn corridor(seed: u64, x: f64) -> Vec<(LogEntry, Pose)> {
 fn places_that_look_alike_are_kept_apart() {
     let mut map = map(&corridor(2, 10.0));
     let long = map.clusters.iter_mut().find(|wall| wall.mean.y > 11.0 && wall.length() > 15.0).unwrap();
-    *long = Cluster { mean: Point2::new(11.5, long.mean.y + 0.005), along_variance: 17.0 * 17.0 / 12.0, ..*long };
+    let y = long.mean.y + 0.005;
+    *long = Cluster::wall([3.0, y], [20.0, y], long.across_variance.sqrt(), long.count);
     let drive = corridor(1, 10.0);
     for seed in 1..=3 {
         let config = LocalizationConfig { seed, max_particles: 20_000, ..LocalizationConfig::default() };

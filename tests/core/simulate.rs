@@ -450,13 +450,7 @@ fn the_log_is_in_order_and_as_long_as_it_says() {
     assert_eq!(log.len() as u64, all);
     assert_eq!(reader.stats().laser, simulation.sweeps());
     assert_eq!(reader.stats().odometry + 2 * reader.stats().laser, all);
-    let stamps: Vec<f64> = log
-        .iter()
-        .map(|entry| match entry {
-            LogEntry::Odometry { stamp, .. } | LogEntry::Truth { stamp, .. } => *stamp,
-            LogEntry::Laser(reading) => reading.stamp,
-        })
-        .collect();
+    let stamps: Vec<f64> = log.iter().map(LogEntry::stamp).collect();
     assert_eq!(stamps[0], 0.0);
     assert!(stamps.windows(2).all(|pair| (0.0..0.1001).contains(&(pair[1] - pair[0]))));
     let truth: Vec<Pose> = sweeps(&simulation).into_iter().map(|(_, truth)| truth).collect();

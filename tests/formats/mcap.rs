@@ -51,11 +51,7 @@ impl Outcome {
     }
 
     fn stamps(&self) -> Vec<f64> {
-        let stamp = |entry: &LogEntry| match entry {
-            LogEntry::Odometry { stamp, .. } | LogEntry::Truth { stamp, .. } => *stamp,
-            LogEntry::Laser(reading) => reading.stamp,
-        };
-        self.entries.iter().map(stamp).collect()
+        self.entries.iter().map(LogEntry::stamp).collect()
     }
 }
 

@@ -122,7 +122,7 @@ pub fn odometry(stamp: f64, odom: [f64; 3]) -> PyResult<LogEntry> {
 /// The area that the scans saw to be free.
 pub fn free_area(entries: &[LogEntry], result: &RunResult, config: &ScanConfig) -> Option<FreeArea> {
     let mut builder = GridBuilder::new(RESOLUTION);
-    let readings = entries.iter().filter(|entry| !matches!(entry, LogEntry::Truth { .. }));
+    let readings = entries.iter().filter(|entry| entry.is_reading());
     for (entry, estimate) in readings.zip(&result.poses) {
         if let (LogEntry::Laser(reading), Some(pose)) = (entry, estimate.relied_on()) {
             builder.add_scan(&Scan::from_reading(reading, config), reading.robot_from_laser, pose);

@@ -23,7 +23,7 @@ pub struct Odometry {
 }
 
 impl Odometry {
-    /// The calibration of odometry that tells the truth.
+    /// The calibration of exact odometry.
     pub const CALIBRATED: [f64; 3] = [1.0, 1.0, 0.0];
 
     /// `from_to` is the pose of `to` in the frame of `from`, as odometry measured it.

@@ -17,7 +17,7 @@ use nalgebra::{DVector, Matrix3, MatrixXx3, Point2, Vector3, Vector4};
 /// are those of a graph with the landmark in it, after its elimination (Schur complement).
 ///
 /// The landmark is held as direction and inverse distance as seen from one of the poses, so that it may be far away, and
-/// poses without a baseline still tell their rotation.
+/// poses without a baseline still determine their rotation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
     poses: Vec<VariableId>,

@@ -30,7 +30,7 @@ pub(super) struct Input {
 }
 
 impl Input {
-    /// Looks at the first two bytes to tell gzip (of any number of members) from plain text.
+    /// Recognises gzip (of any number of members) by the first two bytes.
     pub(super) fn new(bytes: impl Read + Send + 'static) -> io::Result<Self> {
         let consumed = Arc::new(AtomicU64::new(0));
         let mut bytes = Counted { bytes, count: Arc::clone(&consumed) };

@@ -16,11 +16,11 @@
 //!
 //! # Where a laser is mounted
 //! A message with two poses has the laser's first and the robot's second: `robot_from_laser` is the first seen from the
-//! second. Where the two are equal, and in `RAWLASER` messages, it is the mounting that the log's parameters tell
+//! second. Where the two are equal, and in `RAWLASER` messages, it is the mounting in the log's parameters
 //! (`robot_frontlaser_offset`, metres forward, `robot_frontlaser_side_offset`, metres to the left,
 //! `robot_frontlaser_angular_offset`, radians, the same for `rearlaser`): programs that rewrite logs put the robot's
-//! pose in both places. Without parameters a laser sits at the robot's origin and looks forward; the second one
-//! (`RLASER`, `ROBOTLASER2`, `RAWLASER2`) looks backward.
+//! pose in both places. Without parameters a laser is at the robot's origin, facing forward; the second one
+//! (`RLASER`, `ROBOTLASER2`, `RAWLASER2`) faces backward.
 //!
 //! # Maximum range
 //! `robot_front_laser_max` and `robot_rear_laser_max` \[m\] where a log has them, for `FLASER` and `RLASER`; otherwise
@@ -97,7 +97,7 @@ impl LogSource for CarmenLog {
     }
 }
 
-/// How a laser is mounted and how far it sees, as far as the log's parameters tell.
+/// The mounting and range of a laser, by the log's parameters.
 #[derive(Clone, Copy, Debug)]
 struct Mounting {
     robot_from_laser: Pose,
@@ -120,7 +120,7 @@ pub struct CarmenReader {
     recognised: bool,
     unrecognised_lines: u64,
     mountings: [Mounting; LASERS],
-    /// As the user tells it \[rad\].
+    /// As set by the user \[rad\].
     field_of_view: Option<f64>,
     /// Lasers whose sweeps came with poses.
     posed: [bool; LASERS],
@@ -221,7 +221,7 @@ impl CarmenReader {
         LogError::NotThisFormat { path: self.path.clone(), reason, expected: EXPECTED }
     }
 
-    /// What a message says, given those before it; `Err` tells why its line is malformed.
+    /// The entry of a message, given those before it; `Err` holds why its line is malformed.
     fn understand(&mut self, message: Message<'_>) -> Result<Option<LogEntry>, String> {
         match message {
             Message::Odometry { stamp, odom_from_robot } => {
@@ -277,7 +277,7 @@ impl CarmenReader {
         }))
     }
 
-    /// The angles of a sweep whose message holds only ranges: as the user or the log tells, or as lasers of this number of beams
+    /// The angles of a sweep whose message holds only ranges: as set by the user or the log, or as lasers of this number of beams
     /// have them.
     fn angles(&mut self, mounting: Mounting, beams: usize) -> (f64, f64) {
         let implied = implied_angles(beams);

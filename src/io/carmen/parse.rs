@@ -5,7 +5,7 @@
 
 use crate::geometry::{Pose, wrap_angle};
 
-/// Lasers that a log can tell apart: the front one, the rear one, and two more.
+/// Lasers that a log distinguishes: the front one, the rear one, and two more.
 pub(super) const LASERS: usize = 4;
 const FRONT: usize = 0;
 const REAR: usize = 1;
@@ -126,8 +126,8 @@ pub(super) fn is_known_laser(beams: usize) -> bool {
     matches!(beams, 180 | 181 | 360 | 361 | 400 | 401 | 540 | 541 | 682 | 683 | 769)
 }
 
-/// Angle of the first beam and from one beam to the next \[rad\], of a laser whose field of view \[rad\] is known. A step that
-/// is known as well tells whether the last beam is at the end of the field or a step before it, where the field is a circle.
+/// Angle of the first beam and from one beam to the next \[rad\], of a laser whose field of view \[rad\] is known. A step
+/// that is known as well decides whether the last beam of a full circle is at its end or a step before it.
 pub(super) fn angles_of(beams: usize, field_of_view: f64, step: Option<f64>) -> (f64, f64) {
     let between = beams.saturating_sub(1).max(1) as f64;
     let spread = field_of_view / between;
@@ -141,7 +141,7 @@ pub(super) fn angles_of(beams: usize, field_of_view: f64, step: Option<f64>) -> 
     (-0.5 * field_of_view, step)
 }
 
-/// A maximum range as [`crate::log::LaserReading`] has it: infinite where the log's number tells nothing.
+/// A maximum range as [`crate::log::LaserReading`] has it: infinite if the log's number is no limit.
 pub(super) fn known_range(range: f64) -> f64 {
     if range > 0.0 { range } else { f64::INFINITY }
 }

@@ -1,7 +1,7 @@
 //! A camera and an inertial sensor in one table of GTSAM's examples, made of EuRoC (Burri et al., "The EuRoC micro aerial
 //! vehicle datasets", IJRR 35(10), 2016): `imu_tracks.csv` and, in `truth_openvins.txt`, the true poses as TUM.
 //!
-//! A row is of one type: `meta` tells key and value, `imu` a reading, `vision_feature` where a track is in the plane z = 1 of
+//! A row is of one type: `meta` holds key and value, `imu` a reading, `vision_feature` where a track is in the plane z = 1 of
 //! the camera, without its distortion.
 
 use crate::geometry::{Pinhole, Pose3, StampedPose3};

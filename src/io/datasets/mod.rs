@@ -1,6 +1,6 @@
 //! Published recordings of landmarks, made recordings of detections ([`semantic`]).
 //!
-//! Which landmark a detection is, these sets tell; it goes to a file of its own, and what is left is the class. Where
+//! These sets hold which landmark a detection is; it goes to a file of its own, and only the class is left. Where
 //! the set has no classes, they are made up: landmarks take turns in the order of their numbers, and labels are wrong
 //! at random.
 
@@ -167,7 +167,7 @@ impl Labels {
     }
 
     /// Frames in the order of their stamps, and the ids of their detections. Detections of a frame are sorted by
-    /// bearing, so that their order tells nothing about the landmarks.
+    /// bearing, so that their order does not reveal the landmarks.
     fn frames(&self, sightings: Vec<(f64, Vec<Sighting>)>) -> (Vec<Frame>, Ids) {
         let label_frame = |(frame, (stamp, mut seen)): (usize, (f64, Vec<Sighting>))| {
             seen.sort_by(|a, b| a.bearing.total_cmp(&b.bearing));

@@ -2,8 +2,8 @@
 //!
 //! `ODOMETRY from to dx dy dheading` and six numbers of its covariance; `LANDMARK pose tree x y`, ahead and to the
 //! left of the truck, and three numbers of its covariance. Poses and trees are numbered together, so the number of a
-//! pose would tell where a new tree comes; poses are numbered anew. There are no stamps: a step counts as a second.
-//! Only poses that see a tree are frames: of the others the file does not tell whether the truck looked.
+//! pose would reveal where a new tree comes; poses are numbered anew. There are no stamps: a step counts as a second.
+//! Only poses that see a tree are frames: whether the sensor was on at the others is not in the file.
 
 use super::{Converted, Labels, Sighting};
 use crate::detections::{DetectionNoise, Detector, Odometry, OdometryNoise, Recording, View};

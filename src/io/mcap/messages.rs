@@ -1,18 +1,24 @@
-//! The four messages that a log is made of, from their bytes: those of ROS 2 (CDR, of either byte order) and of ROS 1.
+//! The messages that a log is made of: laser scans, odometry and transforms.
 //!
 //! Fields that nothing here depends on and that nothing needed comes after are left out.
 
-use super::records::{Channel, Fields};
-use super::ros1::Ros1;
 use crate::geometry::Pose;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use re_cdr::{BigEndian, LittleEndian, from_bytes};
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 
 pub(super) const LASER_SCAN: &str = "sensor_msgs/msg/LaserScan";
 pub(super) const ODOMETRY: &str = "nav_msgs/msg/Odometry";
 pub(super) const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
+
+/// The ROS 2 name of a type of ROS 1: `sensor_msgs/LaserScan` is `sensor_msgs/msg/LaserScan`.
+pub(super) fn ros2_name(name: &str) -> String {
+    match name.split_once('/') {
+        // Of before tf2, with the same fields.
+        Some(("tf", "tfMessage")) => TRANSFORMS.to_owned(),
+        Some((package, name)) if !name.contains('/') => format!("{package}/msg/{name}"),
+        _ => name.to_owned(),
+    }
+}
 
 const NANOSECONDS: i64 = 1_000_000_000;
 /// A quaternion whose length is this far from 1 was not meant as a rotation.
@@ -76,37 +82,7 @@ pub(super) struct Transform {
     pub(super) rotation: [f64; 4],
 }
 
-impl Channel {
-    /// Whether its messages are encoded in a way that is understood: as by ROS 2, or as by ROS 1.
-    pub(super) fn is_understood(&self) -> bool {
-        ["cdr", "ros1"].contains(&&*self.encoding)
-    }
-}
-
-/// Reads a message; `Err` tells what is wrong with it.
-pub(super) fn decode<T: DeserializeOwned + Ros1>(channel: &Channel, data: &[u8]) -> Result<T, String> {
-    match &*channel.encoding {
-        "ros1" => T::read(&mut Fields(data)).ok_or_else(|| "it is shorter than its fields".to_owned()),
-        _ => from_cdr(data),
-    }
-}
-
-fn from_cdr<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
-    let decoded = match data {
-        [0, 0, _, _, fields @ ..] => from_bytes::<T, BigEndian>(fields),
-        [0, 1, _, _, fields @ ..] => from_bytes::<T, LittleEndian>(fields),
-        _ => {
-            let begin = &data[..data.len().min(4)];
-            return Err(format!(
-                "it is not plain CDR, as it begins with {begin:02x?} (was each message compressed? `ros2 bag convert` \
-                 undoes that)"
-            ));
-        }
-    };
-    decoded.map(|(message, _)| message).map_err(|error| error.to_string())
-}
-
-/// A frame's name as messages of all ages tell it: the oldest begin with a slash.
+/// A frame's name without the leading slash of old messages.
 fn frame(name: &str) -> &str {
     name.trim_start_matches('/')
 }

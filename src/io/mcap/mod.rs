@@ -22,7 +22,7 @@
 //! The static transforms between the robot's frame (`child_frame_id` of the odometry) and the laser's (`frame_id` of
 //! the scan), any number of them, seen from above. A laser upside down has its angles mirrored; one tilted by more than
 //! 20° is refused. Transforms on `/tf` that never change count as static ones do. Where the transforms do not join the two,
-//! the laser sits at the robot's origin, looks forward, and is counted in [`LogStats::laser_without_mounting`]. Lasers that
+//! the laser is taken to be at the robot's origin, facing forward, and is counted in [`LogStats::laser_without_mounting`]. Lasers that
 //! take turns on one topic have each the mounting of its `frame_id`. Odometry that does not name its robot is of the frame
 //! from which the laser hangs.
 //!
@@ -37,7 +37,7 @@
 //! [`LogStats::laser_without_odometry`].
 //!
 //! # Sweeps
-//! Where `time_increment` tells that a sweep took time, the robot moves during it at the speed of the odometry around it, and
+//! Where `time_increment` shows that a sweep took time, the robot moves during it at the speed of the odometry around it, and
 //! [`LaserReading::start_from_end`] says how far.
 //!
 //! # Ranges
@@ -45,6 +45,7 @@
 
 use crate::geometry::Pose;
 use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
+use decode::decode;
 use frames::Mounting;
 use messages::{Header, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
 use plan::{OdometrySource, Plan, plan};
@@ -57,6 +58,7 @@ use survey::survey;
 use transforms::is_static;
 
 mod clock;
+mod decode;
 mod frames;
 mod messages;
 mod plan;
@@ -80,7 +82,7 @@ const MAX_WAITING_ODOMETRY: usize = 1 << 14;
 const MAX_BEAMS: usize = 1 << 16;
 /// No laser takes longer for a sweep \[s\].
 const MAX_SWEEP: f64 = 1.0;
-/// Odometry further from a scan than this tells little about it \[ns\].
+/// Odometry further from a scan than this is not used for it \[ns\].
 const ODOMETRY_REACH: i64 = 1_000_000_000;
 
 /// Which topics of a bag to read; without a name the only one of its type.
@@ -209,20 +211,20 @@ impl McapReader {
         }
     }
 
-    /// Lets a message wait for its turn; `Err` tells why it is malformed.
+    /// Queues a message; `Err` holds why it is malformed.
     fn take(&mut self, channel: &Channel, received: i64, data: &[u8]) -> Result<(), String> {
         let plan = Arc::clone(&self.plan);
         let stamp_of = |header: &Header| if plan.clocks_differ.is_some() { Ok(received) } else { header.stamp() };
         match &plan.odometry {
             OdometrySource::Messages { topic } if *topic == channel.topic && channel.schema == ODOMETRY => {
-                let message: Odometry = messages::decode(channel, data)?;
+                let message: Odometry = decode(channel, data)?;
                 let (stamp, odom_from_robot) = (stamp_of(&message.header)?, message.pose.pose()?);
                 self.odometry.push_back(StampedOdometry { stamp, odom_from_robot });
             }
             OdometrySource::Transforms { odom, robot, .. }
                 if channel.schema == TRANSFORMS && !is_static(&channel.topic) =>
             {
-                let message: Transforms = messages::decode(channel, data)?;
+                let message: Transforms = decode(channel, data)?;
                 for stamped in &message.transforms {
                     if stamped.header.frame() == odom && stamped.child_frame() == robot {
                         let (stamp, odom_from_robot) = (stamp_of(&stamped.header)?, stamped.transform.pose()?);
@@ -231,7 +233,7 @@ impl McapReader {
                 }
             }
             _ if channel.topic == plan.scan_topic && channel.schema == LASER_SCAN => {
-                let message: LaserScan = messages::decode(channel, data)?;
+                let message: LaserScan = decode(channel, data)?;
                 let stamp = stamp_of(&message.header)?;
                 let mounting = plan.mountings.get(message.header.frame()).copied().flatten();
                 let reading = reading(stamp, &message, mounting)?;
@@ -325,7 +327,7 @@ fn duration(message: &LaserScan) -> i64 {
     if (0.0..=MAX_SWEEP).contains(&seconds) { (seconds * 1e9) as i64 } else { 0 }
 }
 
-/// The sweep that a message tells, seen by the robot that carries the laser; its odometry comes later.
+/// The sweep of a message, seen by the robot that carries the laser; its odometry comes later.
 fn reading(stamp: i64, message: &LaserScan, mounting: Option<Mounting>) -> Result<LaserReading, String> {
     let beams = message.ranges.len();
     if beams == 0 || beams > MAX_BEAMS {

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 pub(super) struct Plan {
     pub(super) scan_topic: String,
     pub(super) odometry: OdometrySource,
-    /// Of each frame that scans come from; `None` where the bag does not tell.
+    /// Of each frame that scans come from; `None` if it is not in the bag.
     pub(super) mountings: BTreeMap<String, Option<Mounting>>,
     /// Stamps of scans and odometry are those of clocks that differ by so much \[ns\], or of none: the times at which messages
     /// were received count in their place.
@@ -39,7 +39,7 @@ impl OdometrySource {
     }
 }
 
-/// Chooses among the topics of a bag; `Err` tells why they cannot be chosen.
+/// Chooses among the topics of a bag; `Err` holds why they cannot be chosen.
 pub(super) fn plan(seen: &Survey, wanted: &Topics) -> Result<Plan, String> {
     let scan_topic = scan_topic(&seen.topics, wanted.scan.as_deref())?;
     let fixed = seen.transforms.fixed();

@@ -1,10 +1,10 @@
 //! The records of a bag's MCAP files: which topics there are, and their messages in the order of the files.
 //!
 //! Of the [format](https://mcap.dev/spec) this reads schemas, channels, messages and chunks of messages, up to the end
-//! of the data section; the summary behind it repeats what was read. No size that a file tells is taken at its word:
+//! of the data section; the summary behind it repeats what was read. No size in a file is trusted:
 //! memory grows with the bytes that are really there, up to a limit.
 
-use super::ros1::ros2_name;
+use super::messages::ros2_name;
 use crc32fast::hash as crc32;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -277,7 +277,7 @@ pub(super) struct Chunk {
 }
 
 impl Chunk {
-    /// Begins with the chunk at this byte of the file; tells what is wrong with it where it could not be unpacked.
+    /// Begins with the chunk at this byte of the file; returns what is wrong with it if it cannot be unpacked.
     pub(super) fn fill(&mut self, start: u64, unpacked: Result<Vec<u8>, String>) -> Option<Next> {
         let (records, damage) = match unpacked {
             Ok(records) => (records, None),
@@ -287,7 +287,7 @@ impl Chunk {
         damage
     }
 
-    /// Reads the next record, or tells that it is cut, which ends the chunk; `None` where none is left.
+    /// Reads the next record, or returns that it is cut, which ends the chunk; `None` at the end.
     pub(super) fn next<T>(&mut self, read: impl FnOnce(&mut Fields<'_>) -> Option<T>) -> Option<Result<T, Next>> {
         let left = self.records.get(self.consumed..).filter(|left| !left.is_empty())?;
         let mut fields = Fields(left);
@@ -300,7 +300,7 @@ impl Chunk {
     }
 }
 
-/// Whether so many packed bytes can be as many as `size` unpacked.
+/// Whether this number of packed bytes can unpack to `size` bytes.
 pub(super) fn limit(size: u64, packed: &[u8]) -> Result<(), String> {
     let most = MAX_RECORD.min(ROOM + MAX_RATIO * packed.len() as u64);
     if size > most {

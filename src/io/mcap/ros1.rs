@@ -4,16 +4,6 @@
 use super::messages::{Header, LaserScan, Odometry, StampedTransform, Time, Transform, Transforms};
 use super::records::Fields;
 
-/// The ROS 2 name of a type of ROS 1: `sensor_msgs/LaserScan` is `sensor_msgs/msg/LaserScan`.
-pub(super) fn ros2_name(name: &str) -> String {
-    match name.split_once('/') {
-        // Of before tf2, with the same fields.
-        Some(("tf", "tfMessage")) => super::messages::TRANSFORMS.to_owned(),
-        Some((package, name)) if !name.contains('/') => format!("{package}/msg/{name}"),
-        _ => name.to_owned(),
-    }
-}
-
 /// A message that can be read from its fields; `None` where there are too few.
 pub(super) trait Ros1: Sized {
     fn read(fields: &mut Fields<'_>) -> Option<Self>;

@@ -3,8 +3,8 @@
 //! Read are connections, messages and chunks (packed by bz2, lz4 or not at all), up to the end of the file; the index, which
 //! repeats what was read, is left out, so that a bag whose recorder died needs none.
 
+use super::messages::ros2_name;
 use super::records::{Channel, Chunk, Fields, MAX_RECORD, Next, cut_off, limit, named_cut_off};
-use super::ros1::ros2_name;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, ErrorKind, Read};

@@ -20,7 +20,7 @@ pub(super) enum Storage {
 /// Every SQLite file begins with these bytes.
 const SQLITE: &[u8] = b"SQLite format 3\0";
 
-/// What a file begins with, as far as bags are told by it.
+/// The first bytes of a file, by which bags are recognised.
 pub(in crate::io) fn is_bag(begin: &[u8]) -> bool {
     begin.starts_with(&super::MAGIC) || begin.starts_with(SQLITE) || begin.starts_with(b"#ROSBAG")
 }

@@ -1,6 +1,7 @@
 //! The first pass over a bag: which topics it has, and which transforms.
 
-use super::messages::{self, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms};
+use super::decode::decode;
+use super::messages::{LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms};
 use super::records::{Channel, Next};
 use super::storage::Storage;
 use super::topics::SeenTopics;
@@ -30,7 +31,7 @@ pub(super) fn survey(path: &Path, files: Vec<PathBuf>) -> Result<Survey, LogErro
                 messages += 1;
                 found.add(&channel, received, &data);
             }
-            // Where there is more, the second pass counts and tells it.
+            // The second pass counts and reports all.
             Ok(Next::Damage(reason)) => _ = first_damage.get_or_insert(reason),
             Ok(Next::End) => break None,
             Err(source) => break Some(source),
@@ -50,18 +51,18 @@ impl Survey {
         let Some(topic) = self.topics.count(channel) else { return };
         match &*channel.schema {
             LASER_SCAN => {
-                if let Ok(scan) = messages::decode::<LaserScan>(channel, data) {
+                if let Ok(scan) = decode::<LaserScan>(channel, data) {
                     topic.add(scan.header.stamp(), received, scan.header.frame());
                 }
             }
             ODOMETRY => {
-                if let Ok(odometry) = messages::decode::<Odometry>(channel, data) {
+                if let Ok(odometry) = decode::<Odometry>(channel, data) {
                     topic.add(odometry.header.stamp(), received, odometry.child_frame());
                 }
             }
             TRANSFORMS => {
-                if let Ok(message) = messages::decode::<Transforms>(channel, data) {
-                    // Of many frames one tells the clock of the topic.
+                if let Ok(message) = decode::<Transforms>(channel, data) {
+                    // The stamp of one of its transforms shows the clock of the topic.
                     if let Some(stamped) = message.transforms.first() {
                         topic.add(stamped.header.stamp(), received, "");
                     }

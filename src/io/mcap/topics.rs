@@ -1,4 +1,4 @@
-//! The topics of a bag: what each tells, and the one of a type that the user named or that is the only one.
+//! The topics of a bag: what each holds, and the one of a type that the user named or that is the only one.
 
 use super::clock::Clock;
 use super::records::Channel;

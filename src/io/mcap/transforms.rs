@@ -12,7 +12,7 @@ const ALWAYS_THE_SAME: u64 = 20;
 /// Transforms that an error lists.
 const SHOWN: usize = 20;
 
-/// Whether a topic tells transforms that never change.
+/// Whether a topic holds transforms that never change.
 pub(super) fn is_static(topic: &str) -> bool {
     last_name(topic) == "tf_static"
 }
@@ -82,7 +82,7 @@ impl SeenTransforms {
     }
 
     /// The transform that moves the robot, on this topic or on any: from a frame named for odometry (REP 105: `odom`).
-    /// `Ok(None)` where the bag has none; `Err` tells why none can be chosen.
+    /// `Ok(None)` where the bag has none; `Err` holds why none can be chosen.
     pub(super) fn odometry(
         &self,
         topic: Option<&str>,

@@ -1,9 +1,9 @@
 //! A recording of detections: a folder with `sensors.toml`, `odometry.csv` and `detections.csv`, as `docs/formats.md`
 //! says.
 //!
-//! What tells the truth lies beside them ([`truth`]) and is never opened here.
+//! Ground truth lies beside them ([`truth`]) and is never opened here.
 
-use super::{WriteError, datasets, write_whole};
+use super::{WriteError, write_whole};
 use crate::detections::Recording;
 use crate::log::LogError;
 use std::path::Path;
@@ -16,12 +16,11 @@ pub mod truth;
 
 const SENSORS: &str = "sensors.toml";
 const ODOMETRY: &str = "odometry.csv";
-/// What was detected, which tells a folder of this kind.
+/// The detections; folders of this kind are recognised by this file.
 pub const DETECTIONS: &str = "detections.csv";
 
-const EXPECTED: &str =
-    "a recording of detections is a folder with sensors.toml, odometry.csv and detections.csv (docs/formats.md)";
-const TO_RECORDING: &str = "make a recording of it first: `ipslam convert FOLDER RECORDING`";
+const EXPECTED: &str = "a recording of detections is a folder with sensors.toml, odometry.csv and detections.csv \
+                        (docs/formats.md); `ipslam convert FOLDER RECORDING` makes one of a published data set";
 
 /// Odometry and detections further apart are not of one drive, or one of them broke off \[s\].
 const MAX_GAP: f64 = 1.0;
@@ -43,8 +42,7 @@ pub fn read(folder: &Path) -> Result<ReadRecording, LogError> {
     for name in [SENSORS, ODOMETRY, DETECTIONS] {
         if !folder.join(name).is_file() {
             let reason = if folder.is_dir() { format!("it has no {name}") } else { "this is no folder".to_owned() };
-            let expected = if datasets::recognise(folder).is_some() { TO_RECORDING } else { EXPECTED };
-            return Err(LogError::NotThisFormat { path: folder.to_owned(), reason, expected });
+            return Err(LogError::NotThisFormat { path: folder.to_owned(), reason, expected: EXPECTED });
         }
     }
     let mut warnings = Vec::new();

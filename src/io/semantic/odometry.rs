@@ -1,4 +1,4 @@
-//! `odometry.csv`: speeds, or poses of the odometry's frame; the header tells which.
+//! `odometry.csv`: speeds, or poses of the odometry's frame; recognised by the header.
 
 use crate::detections::{Odometry, Velocity};
 use crate::geometry::{Pose, StampedPose};

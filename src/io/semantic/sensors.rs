@@ -14,7 +14,7 @@ use toml::de::{DeTable, DeValue};
 /// Longer texts are no description of sensors \[bytes\].
 const MAX_LENGTH: u64 = 1 << 20;
 const EXPECTED: &str = "sensors.toml is a TOML text in UTF-8; the least is a line `classes = [\"NAME\", \"NAME\"]`";
-/// Of the labels, where the file does not tell.
+/// Of the labels, if the file does not name it.
 const LABEL_ACCURACY: f64 = 0.9;
 
 #[derive(Serialize, Deserialize)]
