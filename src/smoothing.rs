@@ -6,6 +6,9 @@
 //! 1. every scan's pose climbs the log of eq. 18 in the current map, from where it is;
 //! 2. every cluster becomes the PPCA fit (eq. 11-13) of all points that it explains best, of all scans.
 //!
+//! At last what is no wall goes: clusters that more scans looked through than saw, such as where somebody walked by, and
+//! those that explain least.
+//!
 //! Scans are read again from the log in each pass, so memory does not grow with their points. Of `ipslam run` with a single map
 //! on CSAIL, its five readings (the filter, three passes, the pictures) take 2 % of the time.
 
@@ -25,7 +28,10 @@ use crate::ppca::{Cluster, Moments};
 use crate::report::{Estimate, RunResult};
 use crate::scan::{Scan, ScanConfig};
 use nalgebra::Point2;
+use passing::passing;
 use rayon::prelude::*;
+
+mod passing;
 
 parameters! {
     /// How a finished run is smoothed.
@@ -35,8 +41,6 @@ parameters! {
         /// The map is the smallest set of clusters that explains this share of what all clusters explain, and what 20 scans or
         /// more saw; the rest is clutter, seen in passing.
         keep_explained: f64 = 0.95, in 0.0..=1.0;
-        /// The map has at most this many clusters, those that explain most: where there is much clutter.
-        max_clusters: usize = 300, in 0.0..=f64::INFINITY;
     }
 }
 
@@ -64,7 +68,7 @@ const HEADING_SIGMA: f64 = 0.01;
 /// A cluster that this many scans saw is a wall, though it explains little: they span two metres of way, unless the robot
 /// stands.
 const MANY_SCANS: u32 = 20;
-/// A scan saw a cluster that explains at least this many of its points.
+/// A scan saw a cluster that explains at least this many of its points, and looked through one that so many beams pass.
 const SEEN: f64 = 3.0;
 /// Scans matched at a time; they share nothing but the map.
 const BATCH: usize = 256;
@@ -86,8 +90,9 @@ impl Smoother {
         let passes = self.smoothing.passes;
         for pass in 0..passes {
             let mut progress = |share| progress((pass as f64 + share) / passes as f64);
-            let support = match_scans(source, result, self, &mut progress)?;
-            result.map.clusters = refit(&support, self, pass + 1 == passes);
+            let is_last = pass + 1 == passes;
+            let support = match_scans(source, result, self, is_last, &mut progress)?;
+            result.map.clusters = refit(&support, self, is_last);
         }
         Ok(())
     }
@@ -98,26 +103,35 @@ fn match_scans(
     source: &dyn LogSource,
     result: &mut RunResult,
     config: &Smoother,
+    is_last: bool,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Vec<Support>, LogError> {
     let before: Vec<Pose> = result.poses.iter().map(|estimate| estimate.world_from_robot.unwrap_or_default()).collect();
     let mut support = vec![Support::default(); result.map.clusters.len()];
     let mut is_laser = vec![false; before.len()];
-    let mut batch: Vec<(usize, Scan)> = Vec::with_capacity(BATCH);
-    let mut place = |batch: &mut Vec<(usize, Scan)>, result: &mut RunResult| {
+    let mut batch: Vec<(usize, Pose, Scan)> = Vec::with_capacity(BATCH);
+    let mut place = |batch: &mut Vec<(usize, Pose, Scan)>, result: &mut RunResult| {
         let map = &result.map.clusters;
-        let placed: Vec<Placed> =
-            batch.par_iter().map(|(index, scan)| place_scan(map, scan, before[*index], config)).collect();
-        for ((index, _), placed) in batch.drain(..).zip(placed) {
+        let place = |(index, robot_from_laser, scan): &(usize, Pose, Scan)| {
+            let placed = place_scan(map, scan, before[*index], config);
+            let laser = (placed.world_from_robot * *robot_from_laser).position();
+            let passing = if is_last { passing(map, laser, &placed.points) } else { Vec::new() };
+            (placed, passing)
+        };
+        let placed: Vec<(Placed, Vec<u32>)> = batch.par_iter().map(place).collect();
+        for ((index, ..), (placed, passing)) in batch.drain(..).zip(placed) {
             result.poses[index].world_from_robot = Some(placed.world_from_robot);
             is_laser[index] = true;
-            placed.explained.into_iter().for_each(|(cluster, point)| support[cluster].add(index, point));
+            for (cluster, point) in placed.likeliest.into_iter().zip(placed.points) {
+                cluster.into_iter().for_each(|cluster| support[cluster].add(index, point));
+            }
+            support.iter_mut().zip(passing).for_each(|(support, beams)| support.add_passing(index, beams));
         }
     };
     for reading in readings(source)?.take(before.len()) {
         let (index, entry) = reading?;
         if let LogEntry::Laser(reading) = entry {
-            batch.push((index, Scan::from_reading(&reading, &config.scan)));
+            batch.push((index, reading.robot_from_laser, Scan::from_reading(&reading, &config.scan)));
         }
         if batch.len() == BATCH {
             place(&mut batch, result);
@@ -144,6 +158,8 @@ struct Support {
     moments: Moments,
     /// Scans that saw it.
     scans: u32,
+    /// Scans that looked through it, and did not see it.
+    through: u32,
     /// The last reading that had a point of it, and its points of that.
     last: Option<(usize, f64)>,
 }
@@ -155,12 +171,24 @@ impl Support {
         self.scans += u32::from(before + 1.0 == SEEN);
         self.last = Some((reading, before + 1.0));
     }
+
+    /// Beams of a reading, whose points were added, that went through it.
+    fn add_passing(&mut self, reading: usize, beams: u32) {
+        let saw_it = self.last.is_some_and(|last| last.0 == reading && last.1 >= SEEN);
+        self.through += u32::from(f64::from(beams) >= SEEN && !saw_it);
+    }
+
+    /// A wall is seen wherever scans look; where somebody walked by, or a door was open mostly, they look through.
+    fn is_wall(&self) -> bool {
+        self.scans >= self.through
+    }
 }
 
-/// A scan in its place: which point of the world belongs to which cluster of the map.
+/// A scan in its place: its points in the world, and for each the cluster of the map that explains it best.
 struct Placed {
     world_from_robot: Pose,
-    explained: Vec<(usize, Point2<f64>)>,
+    points: Vec<Point2<f64>>,
+    likeliest: Vec<Option<usize>>,
 }
 
 fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Smoother) -> Placed {
@@ -174,45 +202,37 @@ fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Smoother) -> P
     let prior = PosePrior { pose: LocalPose::new(guess, origin), information };
     let matched = match_scan(params, config.likelihood.log_outlier(), &prior, &tiles, ITERATIONS);
     let world_from_robot = matched.mode.pose.in_world(origin);
-    let explained = matched
-        .likeliest
-        .into_iter()
-        .zip(&scan.points)
-        .filter_map(|(cluster, &point)| Some((near[cluster?], world_from_robot * point)))
-        .collect();
-    Placed { world_from_robot, explained }
+    Placed {
+        world_from_robot,
+        points: scan.points.iter().map(|&point| world_from_robot * point).collect(),
+        likeliest: matched.likeliest.into_iter().map(|cluster| cluster.map(|cluster| near[cluster])).collect(),
+    }
 }
 
-/// Fits every cluster to what it explains, joins those that have come to be one wall, and in the end drops clutter.
+/// Fits every cluster to what it explains, joins those that have come to be one wall, and in the end drops what is no wall.
 fn refit(support: &[Support], config: &Smoother, is_last: bool) -> Vec<Cluster> {
     let fit = |support: &Support| {
         let cluster = support.moments.fit()?;
         Some(MapCluster { cluster, last_step: 0, sightings: support.scans })
     };
-    let mut map: Vec<MapCluster> = support.iter().filter_map(fit).collect();
+    let mut map: Vec<MapCluster> = support.iter().filter(|support| support.is_wall()).filter_map(fit).collect();
     if config.ablation.consolidate {
         map = consolidated(&map, &config.matching, &config.merging);
     }
     if is_last {
-        drop_clutter(&mut map, config.smoothing.keep_explained, config.smoothing.max_clusters);
+        drop_clutter(&mut map, config.smoothing.keep_explained);
     }
     map.iter().map(|entry| entry.cluster).collect()
 }
 
-/// Keeps the fewest clusters that explain this share of the points that all explain, and what many scans saw; `most` at most,
-/// those that explain most. The order stays.
-fn drop_clutter(map: &mut Vec<MapCluster>, share: f64, most: usize) {
+/// Keeps the fewest clusters that explain this share of the points that all explain, and what many scans saw. The order stays.
+fn drop_clutter(map: &mut Vec<MapCluster>, share: f64) {
     let mut by_count: Vec<usize> = (0..map.len()).collect();
     by_count.sort_by(|&a, &b| map[b].cluster.count.total_cmp(&map[a].cluster.count));
     let mut left = share * map.iter().map(|entry| entry.cluster.count).sum::<f64>();
     let mut kept = vec![false; map.len()];
-    let mut count = 0;
     for index in by_count {
-        if count == most {
-            break;
-        }
         kept[index] = left > 0.0 || map[index].sightings >= MANY_SCANS;
-        count += usize::from(kept[index]);
         left -= map[index].cluster.count;
     }
     let mut kept = kept.into_iter();
@@ -238,18 +258,31 @@ mod tests {
             sightings,
         };
         let map = [(5.0, 1), (60.0, 2), (1.0, 0), (30.0, 19), (4.0, 20)].map(cluster).to_vec();
-        for (share, most, expected) in [
-            (0.9, 9, vec![60.0, 30.0, 4.0]),
-            (0.91, 9, vec![5.0, 60.0, 30.0, 4.0]),
-            (1.0, 9, vec![5.0, 60.0, 1.0, 30.0, 4.0]),
-            (1.0, 1, vec![60.0]),
-            (0.9, 2, vec![60.0, 30.0]),
-            (0.0, 9, vec![4.0]),
+        for (share, expected) in [
+            (0.9, vec![60.0, 30.0, 4.0]),
+            (0.91, vec![5.0, 60.0, 30.0, 4.0]),
+            (1.0, vec![5.0, 60.0, 1.0, 30.0, 4.0]),
+            (0.0, vec![4.0]),
         ] {
             let mut kept = map.clone();
-            drop_clutter(&mut kept, share, most);
-            assert_eq!(kept.iter().map(|c| c.cluster.count).collect::<Vec<_>>(), expected, "{share} {most}");
+            drop_clutter(&mut kept, share);
+            assert_eq!(kept.iter().map(|c| c.cluster.count).collect::<Vec<_>>(), expected, "{share}");
         }
-        drop_clutter(&mut Vec::new(), 0.9, 9);
+        drop_clutter(&mut Vec::new(), 0.9);
+    }
+    /// Three points or beams of one scan are one look.
+    #[test]
+    fn what_more_scans_look_through_than_see_is_no_wall() {
+        let mut support = Support::default();
+        let mut scan = |reading: usize, points: u32, beams: u32| {
+            (0..points).for_each(|number| support.add(reading, Point2::new(f64::from(number), 0.0)));
+            support.add_passing(reading, beams);
+            (support.scans, support.through, support.is_wall())
+        };
+        assert_eq!(scan(1, 3, 9), (1, 0, true));
+        assert_eq!(scan(2, 0, 2), (1, 0, true));
+        assert_eq!(scan(3, 0, 3), (1, 1, true));
+        assert_eq!(scan(4, 2, 300), (1, 2, false));
+        assert_eq!(scan(5, 40, 0), (2, 2, true));
     }
 }

@@ -4,6 +4,7 @@ use super::DeviceError;
 use super::device::Device;
 use bytemuck::Pod;
 use std::marker::PhantomData;
+use std::time::Duration;
 
 /// What a buffer is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,6 +29,8 @@ pub struct Buffer {
     pub(super) is_new: bool,
 }
 
+/// A submission that takes longer will never end: those of ten million particles take seconds.
+const PATIENCE: Duration = Duration::from_secs(120);
 /// Every buffer has room for this \[bytes\]: an empty one cannot be bound.
 const LEAST: u64 = 1024;
 
@@ -118,7 +121,8 @@ impl<T: Pod> Readback<T> {
             // Whoever no longer listens has failed already.
             let _ = sender.send(mapped);
         });
-        device.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| device.failed(error))?;
+        let wait = wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) };
+        device.device.poll(wait).map_err(|error| device.failed(error))?;
         device.check()?;
         match receiver.try_recv() {
             Ok(Ok(())) => {}

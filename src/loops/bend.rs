@@ -38,6 +38,15 @@ pub(super) struct Bent {
     pub cost: f64,
 }
 
+/// What may be wrong with the motions from step to step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Doubt {
+    /// They drift.
+    None,
+    /// They drift, and the match of a scan may have failed: where scans and odometry disagree more than they usually do.
+    OfMatches,
+}
+
 /// The first pose stays \[m, m, rad\].
 const ORIGIN: [f64; 3] = [1e-3; 3];
 /// How well a window tells where its last step was from an older one, forward, sideways, heading \[m, m, rad\]: on drives with a
@@ -50,45 +59,54 @@ const UNUSUAL: f64 = 50.0;
 /// Ties may be wrong: beyond this many standard deviations they pull no harder.
 const TIE_TAIL: f64 = 3.0;
 
-/// The path, from `path` on, that keeps all `motions` from step to step and all ties as well as it can, and a new tie in any
-/// case. `None` where there is no such path.
-pub(super) fn bent(
-    keyframes: &[Keyframe],
-    motions: &[Pose],
-    path: &[Pose],
-    ties: &[Tie],
-    new: Option<&Tie>,
-) -> Option<Bent> {
-    solve(keyframes, motions, path, ties, new).ok()
+/// The motions from step to step, and their covariances.
+#[derive(Debug)]
+pub(super) struct Chain {
+    motions: Vec<Pose>,
+    covariances: Vec<Matrix3<f64>>,
 }
 
-fn solve(
-    keyframes: &[Keyframe],
-    motions: &[Pose],
-    path: &[Pose],
-    ties: &[Tie],
-    new: Option<&Tie>,
-) -> Result<Bent, GraphError> {
-    let mut values = Values::new();
-    let steps: Vec<VariableId> = path.iter().map(|&pose| values.add_pose(pose)).collect();
-    let between = |tie: &Tie| Between::new(steps[tie.older], steps[tie.newer], tie.older_from_newer);
-    let mut graph = Graph::new();
-    graph.add(Prior::pose(steps[0], path[0]), Noise::sigmas(&ORIGIN)?)?;
-    let usual = usual(keyframes, motions);
-    for (step, keyframe) in keyframes.iter().enumerate().skip(1) {
-        let noise = noise(&doubt(keyframe, motions[step], &usual))?;
-        graph.add(Between::new(steps[step - 1], steps[step], motions[step]), noise)?;
+impl Chain {
+    /// As this path has them.
+    pub fn new(keyframes: &[Keyframe], path: &[Pose], doubt: Doubt) -> Self {
+        let motions: Vec<Pose> =
+            (0..path.len()).map(|step| path[step].seen_from(path[step.saturating_sub(1)])).collect();
+        let usual = usual(keyframes, &motions);
+        let least = Matrix3::from_diagonal(&Vector3::from(MOTION).map(|sigma| sigma * sigma));
+        let covariance = |(keyframe, &moved): (&Keyframe, &Pose)| match doubt {
+            Doubt::None => keyframe.tracked.covariance + least,
+            Doubt::OfMatches => doubted(keyframe, moved, &usual) + least,
+        };
+        let covariances = keyframes.iter().zip(&motions).map(covariance).collect();
+        Self { motions, covariances }
     }
-    for tie in ties {
-        let term = graph.add(between(tie), noise(&tie.covariance)?)?;
-        graph.set_loss(term, Loss::Cauchy(TIE_TAIL))?;
+
+    /// The path, from `path` on, that keeps the motions and all ties as well as it can, and a new tie in any case. `None` where
+    /// there is no such path.
+    pub fn bent(&self, path: &[Pose], ties: &[Tie], new: Option<&Tie>) -> Option<Bent> {
+        self.solve(path, ties, new).ok()
     }
-    if let Some(new) = new {
-        graph.add(between(new), noise(&new.covariance)?)?;
+
+    fn solve(&self, path: &[Pose], ties: &[Tie], new: Option<&Tie>) -> Result<Bent, GraphError> {
+        let mut values = Values::new();
+        let steps: Vec<VariableId> = path.iter().map(|&pose| values.add_pose(pose)).collect();
+        let between = |tie: &Tie| Between::new(steps[tie.older], steps[tie.newer], tie.older_from_newer);
+        let mut graph = Graph::new();
+        graph.add(Prior::pose(steps[0], path[0]), Noise::sigmas(&ORIGIN)?)?;
+        for (step, (&moved, covariance)) in self.motions.iter().zip(&self.covariances).enumerate().skip(1) {
+            graph.add(Between::new(steps[step - 1], steps[step], moved), noise(covariance)?)?;
+        }
+        for tie in ties {
+            let term = graph.add(between(tie), noise(&tie.covariance)?)?;
+            graph.set_loss(term, Loss::Cauchy(TIE_TAIL))?;
+        }
+        if let Some(new) = new {
+            graph.add(between(new), noise(&new.covariance)?)?;
+        }
+        let cost = Solver::default().solve(&graph, &mut values)?.error;
+        let path: Result<Vec<Pose>, GraphError> = steps.into_iter().map(|step| values.pose(step)).collect();
+        Ok(Bent { path: path?, cost })
     }
-    let cost = Solver::default().solve(&graph, &mut values)?.error;
-    let path: Result<Vec<Pose>, GraphError> = steps.into_iter().map(|step| values.pose(step)).collect();
-    Ok(Bent { path: path?, cost })
 }
 
 /// How far a motion is off odometry: forward, sideways, heading.
@@ -110,15 +128,14 @@ fn usual(keyframes: &[Keyframe], motions: &[Pose]) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| (median(axis) / 0.6745).max(MOTION[axis]))
 }
 
-/// The covariance of a motion: as well as the scans know it. Where scans and odometry disagree more than they usually do, one of
+/// The covariance of a motion where a match may have failed. Where scans and odometry disagree more than they usually do, one of
 /// them is wrong, and nobody knows which: that of a mixture of the two, around what the scans say.
-fn doubt(keyframe: &Keyframe, moved: Pose, usual: &Vector3<f64>) -> Matrix3<f64> {
+fn doubted(keyframe: &Keyframe, moved: Pose, usual: &Vector3<f64>) -> Matrix3<f64> {
     let off = off(keyframe, moved);
     let squared = off.component_div(usual).norm_squared();
     let share = squared / (squared + UNUSUAL);
-    let least = Matrix3::from_diagonal(&Vector3::from(MOTION).map(|sigma| sigma * sigma));
     let Keyframe { tracked, by_odometry, .. } = keyframe;
-    tracked.covariance * (1.0 - share) + (by_odometry.covariance + off * off.transpose()) * share + least
+    tracked.covariance * (1.0 - share) + (by_odometry.covariance + off * off.transpose()) * share
 }
 
 fn noise(covariance: &Matrix3<f64>) -> Result<Noise, GraphError> {
@@ -149,19 +166,9 @@ mod tests {
     fn bend(keyframes: &[Keyframe], motions: &[Pose], older_from_newer: Pose) -> Bent {
         let mut path = vec![Pose::IDENTITY];
         motions[1..].iter().for_each(|&moved| path.push(path[path.len() - 1] * moved));
-        bent(
-            keyframes,
-            motions,
-            &path,
-            &[],
-            Some(&Tie {
-                older: 0,
-                newer: 20,
-                older_from_newer,
-                covariance: Matrix3::from_diagonal(&Vector3::from(TIE).map(|s| s * s)),
-            }),
-        )
-        .unwrap()
+        let covariance = Matrix3::from_diagonal(&Vector3::from(TIE).map(|sigma| sigma * sigma));
+        let tie = Tie { older: 0, newer: 20, older_from_newer, covariance };
+        Chain::new(keyframes, &path, Doubt::OfMatches).bent(&path, &[], Some(&tie)).unwrap()
     }
 
     #[test]

@@ -21,7 +21,7 @@ use crate::motion::Motion;
 use crate::parameters::parameters;
 use crate::ppca::Cluster;
 use crate::report::Loop;
-use bend::{Bent, Tie, bent};
+use bend::{Bent, Chain, Doubt, Tie};
 use nalgebra::Point2;
 use one_map::OneMap;
 use remake::remade;
@@ -197,9 +197,7 @@ impl Loops {
         let found = self.search(window, path, evaluator)?;
         let new = Tie::new(found.world_from_robot, path, window);
         let hypothesis = self.bend(path, &new);
-        let is_closed = hypothesis.as_ref().is_some_and(|Hypothesis { cost, agrees_better, .. }| {
-            *cost <= DRIFT || *agrees_better || self.is_confirmed(&new, path)
-        });
+        let is_closed = hypothesis.as_ref().is_some_and(|bent| bent.is_likely || self.is_confirmed(&new, path));
         self.pending = (!is_closed).then_some(new);
         let [older, step] = [new.older, new.newer];
         self.found.push(Loop {
@@ -237,23 +235,26 @@ impl Loops {
 
     /// The path that closes this loop, and what speaks for it; `None` where it is beyond all reason.
     fn bend(&self, path: &[Pose], new: &Tie) -> Option<Hypothesis> {
-        let keyframes = &self.drive.keyframes;
-        let motions: Vec<Pose> =
-            (0..path.len()).map(|step| path[step].seen_from(path[step.saturating_sub(1)])).collect();
-        let before = bent(keyframes, &motions, path, &self.ties, None)?;
-        let Bent { mut path, cost } = bent(keyframes, &motions, path, &self.ties, Some(new))?;
-        let cost = cost - before.cost;
-        if cost > FAILURE {
-            return None;
+        // As if no match had failed, first: where the drift explains the loop, nothing else is in doubt.
+        for doubt in [Doubt::None, Doubt::OfMatches] {
+            let chain = Chain::new(&self.drive.keyframes, path, doubt);
+            let before = chain.bent(path, &self.ties, None)?;
+            let Bent { mut path, cost } = chain.bent(path, &self.ties, Some(new))?;
+            let cost = cost - before.cost;
+            if cost > doubt.most() {
+                continue;
+            }
+            let mut ties = self.ties.clone();
+            for _ in 0..PASSES {
+                ties = revisits(&self.drive, &path, 0..path.len(), &ties, &self.config);
+                Bent { path, .. } = chain.bent(&path, &ties, Some(new))?;
+            }
+            let held = |ties: &[Tie], path: &[Pose]| ties.iter().filter(|tie| tie.holds(path)).count();
+            let agrees_better = held(&ties, &path) > held(&self.ties, &before.path);
+            let is_likely = doubt == Doubt::None || cost <= DRIFT || agrees_better;
+            return Some(Hypothesis { path, ties, is_likely });
         }
-        let mut ties = self.ties.clone();
-        for _ in 0..PASSES {
-            ties = revisits(&self.drive, &path, 0..path.len(), &ties, &self.config);
-            Bent { path, .. } = bent(keyframes, &motions, &path, &ties, Some(new))?;
-        }
-        let held = |ties: &[Tie], path: &[Pose]| ties.iter().filter(|tie| tie.holds(path)).count();
-        let agrees_better = held(&ties, &path) > held(&self.ties, &before.path);
-        Some(Hypothesis { path, ties, cost, agrees_better })
+        None
     }
 
     /// Whether the last search found the same loop.
@@ -272,10 +273,18 @@ struct Hypothesis {
     path: Vec<Pose>,
     /// Between the visits to one place, as that path has them.
     ties: Vec<Tie>,
-    /// What closing the loop costs \[nats\].
-    cost: f64,
-    /// Whether more ties hold than before.
-    agrees_better: bool,
+    /// Whether it may be closed although one window alone speaks for it.
+    is_likely: bool,
+}
+
+impl Doubt {
+    /// What a loop may cost at most \[nats\].
+    fn most(self) -> f64 {
+        match self {
+            Self::None => DRIFT,
+            Self::OfMatches => FAILURE,
+        }
+    }
 }
 
 /// A wall hides what lies behind it only where it is thicker than this \[m\]: scans are matched to no better.

@@ -243,7 +243,7 @@ mod tests {
             for (key, value) in values {
                 let wrong = match value {
                     toml::Value::Float(_) => "nan",
-                    toml::Value::Integer(_) if key == "passes" || key == "max_clusters" || key == "starts" => continue,
+                    toml::Value::Integer(_) if key == "passes" || key == "starts" => continue,
                     toml::Value::Integer(_) if value.as_integer() > Some(1) && key != "min_points" => continue,
                     toml::Value::Integer(_) => "0",
                     _ => continue,

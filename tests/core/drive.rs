@@ -2,12 +2,14 @@
 
 use ipslam::config::SlamConfig;
 use ipslam::geometry::{Pose, StampedPose};
-use ipslam::log::{LogEntry, LogSource, readings};
+use ipslam::log::{LogEntry, LogError, LogReader, LogSource, LogStats, readings};
 use ipslam::metrics::trajectory::reference_errors;
 use ipslam::pipeline::Run;
+use ipslam::ppca::Cluster;
 use ipslam::report::{Estimator as _, Event, RunResult};
-use ipslam::simulate::{Simulation, SimulationConfig, building};
+use ipslam::simulate::{Laser, Simulation, SimulationConfig, Wall, building};
 use ipslam::slam::Slam;
+use nalgebra::Point2;
 
 const SEED: u64 = 1;
 
@@ -173,4 +175,94 @@ fn odometry_that_cannot_be_true_is_bridged() {
         assert!(error < as_driven + 0.03, "seed {SEED}, {name}: {error} m, as driven {as_driven} m");
         assert!((least..least + 2).contains(&refused), "seed {SEED}, {name}: {refused} refused");
     }
+}
+
+/// A log in memory.
+#[derive(Clone)]
+struct Entries(Vec<LogEntry>);
+
+struct EntriesReader(std::vec::IntoIter<LogEntry>, LogStats);
+
+impl LogSource for Entries {
+    fn name(&self) -> String {
+        "entries".to_owned()
+    }
+
+    fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
+        Ok(Box::new(EntriesReader(self.0.clone().into_iter(), LogStats::default())))
+    }
+}
+
+impl Iterator for EntriesReader {
+    type Item = Result<LogEntry, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.0.next().map(Ok)
+    }
+}
+
+impl LogReader for EntriesReader {
+    fn stats(&self) -> &LogStats {
+        &self.1
+    }
+
+    fn progress(&self) -> Option<(u64, u64)> {
+        None
+    }
+}
+
+/// Two people, round and 0.5 m wide, walk ahead of the robot to its left and right, 1.3 to 2.3 m away, all the time.
+fn walk_along(entry: &mut LogEntry) {
+    let LogEntry::Laser(reading) = entry else { return };
+    let time = reading.stamp;
+    for (bearing, rate) in [(-0.8, 0.19), (0.9, 0.23)] {
+        let (bearing, distance) = (bearing + 0.4 * (time * rate).sin(), 1.8 + 0.5 * (time * 1.7 * rate).cos());
+        for (beam, range) in reading.ranges.iter_mut().enumerate() {
+            let off = reading.first_angle + beam as f64 * reading.angle_step - bearing;
+            let (across, along) = (distance * off.sin(), distance * off.cos());
+            if across.abs() < 0.25 && along > 0.0 {
+                *range = range.min(along - (0.0625 - across * across).sqrt());
+            }
+        }
+    }
+}
+
+/// Where people walked is no wall, and the walls behind them are still there.
+#[test]
+fn people_who_walk_along_leave_no_walls() {
+    let alone = SimulationConfig { seed: SEED, duration: Some(40.0), ..SimulationConfig::default() };
+    let alone = SimulationConfig { laser: Laser { people: 0.0, ..alone.laser }, ..alone };
+    let simulation = Simulation::new("building".to_owned(), building(), alone).unwrap();
+    let world_from_map = simulation.truth().next().unwrap().pose;
+    let walls = simulation.world().walls();
+    let is_wall = |cluster: &Cluster| {
+        let middle = world_from_map * cluster.mean;
+        walls.iter().any(|wall| distance(wall, middle) < 0.3)
+    };
+    let mapped = |entries: &Entries| {
+        let config = few_maps();
+        let mut result = Run::of(entries).run(&mut Slam::new(config), &mut [], &mut |_| true).unwrap().result;
+        let in_the_way = |result: &RunResult| result.map.clusters.iter().filter(|cluster| !is_wall(cluster)).count();
+        let before = in_the_way(&result);
+        config.smoother().smooth(entries, &mut result, &mut |_| {}).unwrap();
+        let length: f64 = result.map.clusters.iter().filter(|cluster| is_wall(cluster)).map(Cluster::length).sum();
+        (before, in_the_way(&result), length)
+    };
+    let mut entries = Entries(simulation.open().unwrap().map(Result::unwrap).collect());
+    let (_, none, length) = mapped(&entries);
+    entries.0.iter_mut().for_each(walk_along);
+    let (before, after, length_behind) = mapped(&entries);
+    println!(
+        "seed {SEED}: {before} clusters in the way, then {after}; {length_behind:.1} m of wall, alone {length:.1} m"
+    );
+    assert!(none == 0 && before > 20, "seed {SEED}: {none} without people, {before} with them");
+    // What only scans from one side saw, along which they cannot look, may be left.
+    assert!(4 * after <= before, "seed {SEED}: {after} clusters where people walked, of {before}");
+    assert!(length_behind > 0.9 * length, "seed {SEED}: {length_behind} m of wall, alone {length} m");
+}
+
+fn distance(wall: &Wall, point: Point2<f64>) -> f64 {
+    let along = wall.b - wall.a;
+    let share = ((point - wall.a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+    (point - (wall.a + along * share)).norm()
 }

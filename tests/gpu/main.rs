@@ -7,6 +7,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod consistency;
+mod driver;
 mod failing;
 mod layouts;
 #[allow(dead_code, reason = "the tests need devices, and of this the folder of logs alone")]
@@ -68,6 +69,8 @@ fn main() {
             trials.extend(DEVICE_TESTS.map(|(name, _)| ignored(name)));
         }
     }
+    // The longest first.
+    trials.insert(0, driver::trial());
     libtest_mimic::run(&arguments, trials).exit();
 }
 
