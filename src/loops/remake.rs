@@ -1,6 +1,6 @@
 //! A path is followed again, scan by scan, and its map made anew.
 
-use super::{Closed, Closer, Keyframe, OneMap};
+use super::{Closed, Closer, Keyframe, OneMap, SAME, is_near};
 use crate::evaluator::PosePrior;
 use crate::evaluator::cpu::match_scan;
 use crate::evaluator::pose::LocalPose;
@@ -24,7 +24,9 @@ pub(super) fn remade(keyframes: &[Keyframe], path: &[Pose], config: &Closer) -> 
     let mut remade: Vec<Pose> = Vec::with_capacity(path.len());
     for (step, (keyframe, &pose)) in keyframes.iter().zip(path).enumerate() {
         // There is no map to match the first scan to.
-        let pose = if step == 0 { pose } else { matched(&map, keyframe, pose) };
+        let matched = if step == 0 { pose } else { matched(&map, keyframe, pose) };
+        // A scan that shows little may be matched to something else: the path knows better.
+        let pose = if is_near(matched, pose, SAME) { matched } else { pose };
         map.merge(step as u32, pose, &keyframe.clusters, config);
         remade.push(pose);
     }
