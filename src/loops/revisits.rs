@@ -108,3 +108,126 @@ fn walls_around(drive: &Drive, path: &[Pose], older: usize, pose: Pose, reach: f
     };
     drive.keyframes[first..last].iter().zip(&path[first..last]).flat_map(seen).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clustering::cluster_scan;
+    use crate::config::SlamConfig;
+    use crate::evaluator::tiles::tiles;
+    use crate::log::{LogEntry, LogSource};
+    use crate::loops::is_near;
+    use crate::motion::Motion;
+    use crate::scan::Scan;
+    use crate::simulate::Simulation;
+    use std::collections::HashMap;
+
+    const SEED: u64 = 1;
+
+    fn added(drive: &mut Drive, scan: &[Point2<f64>], clusters: Vec<Cluster>, moved: Pose) {
+        let motion = Motion { mean: moved, covariance: Matrix3::identity() * 1e-6 };
+        let before = drive.travelled.last().copied().unwrap_or(0.0);
+        drive.travelled.push(before + moved.x.hypot(moved.y));
+        let tiles = tiles(scan, SlamConfig::default().likelihood.max_points);
+        drive.keyframes.push(Keyframe { stamp: 0.0, tiles, clusters, by_odometry: motion, tracked: motion });
+    }
+
+    /// The drive through the simulated building, and the true path.
+    fn building() -> (Drive, Vec<Pose>) {
+        let config = SlamConfig::default();
+        let simulation = Simulation::building(SEED);
+        let truth: HashMap<u64, Pose> = simulation.truth().map(|truth| (truth.stamp.to_bits(), truth.pose)).collect();
+        let (mut drive, mut path) = (Drive::default(), Vec::<Pose>::new());
+        for entry in simulation.open().unwrap() {
+            let LogEntry::Laser(reading) = entry.unwrap() else { continue };
+            let pose = truth[&reading.stamp.to_bits()];
+            let moved = path.last().map_or(Pose::IDENTITY, |&last| pose.seen_from(last));
+            if path.is_empty() || !config.tracking.is_too_near(moved) {
+                let scan = Scan::from_reading(&reading, &config.scan);
+                added(&mut drive, &scan.points, cluster_scan(&scan, &config.clustering).clusters, moved);
+                path.push(pose);
+            }
+        }
+        (drive, path)
+    }
+
+    /// Errors of ties (forward, sideways, heading) against the true path.
+    fn off(tie: &Tie, truth: &[Pose]) -> Vector3<f64> {
+        let Pose { x, y, heading } = tie.older_from_newer.seen_from(truth[tie.newer].seen_from(truth[tie.older]));
+        Vector3::new(x, y, heading)
+    }
+
+    /// Ties of every fifth step of the second half to the first half, where the path has the second half as `moved` says, and how
+    /// many steps were asked.
+    fn halves(drive: &Drive, truth: &[Pose], moved: impl Fn(Pose) -> Pose) -> (Vec<Tie>, usize) {
+        let half = truth.len() / 2;
+        let path: Vec<Pose> =
+            truth.iter().enumerate().map(|(step, &pose)| if step < half { pose } else { moved(pose) }).collect();
+        let config = SlamConfig::default().closer();
+        let steps = || (half..truth.len()).step_by(5);
+        let of_step = |step: usize| revisits(drive, &path, step..step + 1, &[], &config);
+        (steps().flat_map(of_step).filter(|tie| tie.older < half).collect(), steps().count())
+    }
+
+    /// The path has what comes later 20 cm and 3 degrees off: the ties have it where it is, within what they say of themselves.
+    #[test]
+    fn visits_are_tied_as_they_truly_were() {
+        let (drive, truth) = building();
+        let (ties, steps) = halves(&drive, &truth, |pose| pose * Pose::new(0.12, -0.16, 0.05));
+        let right = ties.iter().filter(|tie| {
+            let off = off(tie, &truth);
+            off.xy().norm() < 0.05 && off.z.abs() < 0.01
+        });
+        // 99 % of the χ² distribution of three degrees of freedom.
+        let within = ties.iter().filter(|tie| {
+            let off = off(tie, &truth);
+            tie.covariance.try_inverse().is_some_and(|information| off.dot(&(information * off)) < 11.345)
+        });
+        let (right, within) = (right.count(), within.count());
+        println!("seed {SEED}: {steps} steps, {} ties, {right} right, {within} within their covariance", ties.len());
+        let most = |count: usize| count as f64 >= 0.9 * ties.len() as f64;
+        assert!(ties.len() > 10 && most(right) && most(within), "seed {SEED}: {ties:?}");
+
+        // Laid over another part of the building, turned by half a right angle: nothing fits.
+        let start = truth[0];
+        let (wrong, steps) = halves(&drive, &truth, |pose| start * Pose::new(3.0, -2.0, 0.8) * start.inverse() * pose);
+        println!("seed {SEED}: {steps} steps, {} ties elsewhere", wrong.len());
+        assert!(wrong.len() as f64 <= 0.02 * steps as f64, "seed {SEED}: {wrong:?}");
+    }
+
+    /// A hall of 12 by 4 m, driven along; then its walls seen again, from a metre off the path. A wall between the two in the
+    /// way of all rays, and it is not the hall.
+    #[test]
+    fn nothing_is_tied_through_a_wall() {
+        let config = SlamConfig::default().closer();
+        let hall = [[0.0, 0.0], [12.0, 0.0], [12.0, 4.0], [0.0, 4.0]];
+        let wall = |a: [f64; 2], b: [f64; 2]| Cluster::wall(a, b, 0.01, 100.0);
+        let walls: Vec<Cluster> = (0..4).map(|side| wall(hall[side], hall[(side + 1) % 4])).collect();
+        let robot = Pose::new(7.0, 2.0, 0.0);
+        // Of the walls beyond x = 5.5.
+        let seen: Vec<Point2<f64>> = (0..90)
+            .flat_map(|number| {
+                let x = 1.0 + 0.05 * f64::from(number);
+                [Point2::new(x, 0.0), Point2::new(x, 4.0), Point2::new(0.0, 0.04 * f64::from(number) + 0.2)]
+            })
+            .map(|point| robot.inverse() * point)
+            .collect();
+        for (partition, is_tied) in [(None, true), (Some(wall([6.0, 0.5], [6.0, 3.5])), false)] {
+            let (mut drive, mut path) = (Drive::default(), Vec::new());
+            for step in 0..20 {
+                let pose = Pose::new(5.0 + 0.05 * f64::from(step), 2.0, 0.0);
+                let seen = walls.iter().chain(&partition).map(|wall| wall.transformed(pose.inverse())).collect();
+                added(&mut drive, &[], seen, if step == 0 { Pose::IDENTITY } else { Pose::new(0.05, 0.0, 0.0) });
+                path.push(pose);
+            }
+            added(&mut drive, &seen, Vec::new(), Pose::new(50.0, 0.0, 0.0));
+            path.push(robot * Pose::new(0.05, 0.1, 0.02));
+            let ties = revisits(&drive, &path, 20..21, &[], &config);
+            assert_eq!(!ties.is_empty(), is_tied, "{partition:?}: {ties:?}");
+            for tie in ties {
+                let truth = robot.seen_from(path[tie.older]);
+                assert!(is_near(tie.older_from_newer, truth, [0.02, 0.005]), "{tie:?}");
+            }
+        }
+    }
+}

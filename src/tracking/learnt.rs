@@ -45,7 +45,137 @@ impl Errors {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Pose;
+    use crate::motion::{Motion, MotionConfig};
     use crate::random::{Draw, normals};
+    use crate::tracking::{Tracker, TrackingConfig};
+    use nalgebra::{Matrix3, Vector3};
+
+    /// A motion of half a metre is expected to err by `EXPECTED`.
+    const MOTION: MotionConfig = MotionConfig {
+        position_per_distance: 0.1,
+        position_per_turn: 0.0,
+        heading_per_distance: 0.2,
+        heading_per_turn: 0.0,
+        position_floor: 1e-6,
+        heading_floor: 1e-6,
+        stamp_error: 0.0,
+        prior_motions: 20.0,
+    };
+    /// Forward, sideways, heading \[m, m, rad\].
+    const EXPECTED: [f64; 3] = [0.05, 0.05, 0.1];
+    const FORWARD: Pose = Pose { x: 0.5, y: 0.0, heading: 0.0 };
+    const SEED: u64 = 7;
+
+    /// Drives half a metre a second. The true motions are off odometry by `errors`, and the scans know them to `known`, both in units
+    /// of `EXPECTED`.
+    fn drive(tracker: &mut Tracker, seconds: std::ops::Range<u32>, errors: [f64; 3], known: [f64; 3]) {
+        for second in seconds {
+            tracker.add(f64::from(second), Pose::new(0.5 * f64::from(second), 0.0, 0.0));
+            let normals = normals(SEED, 0, second, Draw::Motion).map(f64::from);
+            let [x, y, heading] = [0, 1, 2].map(|axis| errors[axis] * EXPECTED[axis] * normals[axis]);
+            let sigmas = Vector3::from_fn(|axis, _| known[axis] * EXPECTED[axis]);
+            let covariance = Matrix3::from_diagonal(&sigmas.component_mul(&sigmas));
+            tracker.correct(Motion { mean: FORWARD * Pose::new(x, y, heading), covariance });
+            tracker.begin_step();
+        }
+    }
+
+    fn started(motion: MotionConfig) -> Tracker {
+        let mut tracker = Tracker::new(motion, TrackingConfig::default());
+        tracker.add(0.0, Pose::IDENTITY);
+        tracker
+    }
+
+    fn learnt(motion: MotionConfig, errors: [f64; 3], known: [f64; 3]) -> OdometryErrors {
+        let mut tracker = started(motion);
+        drive(&mut tracker, 1..401, errors, known);
+        tracker.odometry_errors()
+    }
+
+    /// 400 headings and 800 positions (forward and sideways), and a prior of 20: the logarithm counts 400/420 and 800/820.
+    #[test]
+    fn the_noise_of_this_drive_is_learnt() {
+        for [position, heading] in [[0.3, 0.2], [3.0, 2.0], [1.0, 1.0]] {
+            let errors = learnt(MOTION, [position, position, heading], [0.01; 3]);
+            let off = [
+                errors.position / f64::powf(position, 800.0 / 820.0) - 1.0,
+                errors.heading / f64::powf(heading, 400.0 / 420.0) - 1.0,
+            ];
+            assert!(off[0].abs() < 0.1 && off[1].abs() < 0.15, "seed {SEED}, {position}, {heading}: {errors:?}");
+        }
+    }
+
+    /// What is learnt scales the noise of the next motion, but not the error of stamps.
+    #[test]
+    fn the_next_motion_has_the_noise_that_was_learnt() {
+        let mut tracker = started(MotionConfig { stamp_error: 0.1, ..MOTION });
+        drive(&mut tracker, 1..401, [0.3; 3], [0.01; 3]);
+        let OdometryErrors { position, heading } = tracker.odometry_errors();
+        assert!(position < 0.5 && heading < 0.5, "{position}, {heading}");
+        tracker.add(401.0, Pose::new(0.5 * 401.0, 0.0, 0.0));
+        let covariance = tracker.by_odometry().covariance;
+        // Half a metre a second, stamps a tenth of a second off.
+        let expected = [0.05 + position * EXPECTED[0], 0.05 + position * EXPECTED[1], heading * EXPECTED[2]];
+        for (axis, expected) in expected.into_iter().enumerate() {
+            assert!((covariance[(axis, axis)].sqrt() - expected).abs() < 1e-4, "{axis}: {covariance}");
+        }
+    }
+
+    #[test]
+    fn a_scan_that_knows_no_better_than_odometry_teaches_nothing() {
+        assert_eq!(learnt(MOTION, [0.1; 3], [0.6; 3]), OdometryErrors::default());
+        // Along a corridor: the motions sideways count alone, and are as configured. The median of 400 is known to 6 %.
+        let corridor = learnt(MOTION, [0.0, 1.0, 0.1], [0.6, 0.01, 0.6]);
+        assert!((corridor.position - 1.0).abs() < 0.15, "seed {SEED}: {corridor:?}");
+        assert_eq!(corridor.heading, 1.0);
+    }
+
+    /// A long corridor after rooms: along it the best guess is that of odometry, as doubtful as odometry by now is. That says
+    /// nothing for odometry.
+    #[test]
+    fn a_corridor_does_not_make_odometry_exact() {
+        let mut tracker = started(MOTION);
+        drive(&mut tracker, 1..201, [0.3; 3], [0.01; 3]);
+        let before = tracker.odometry_errors();
+        for second in 201..1201 {
+            tracker.add(f64::from(second), Pose::new(0.5 * f64::from(second), 0.0, 0.0));
+            let by_odometry = tracker.by_odometry();
+            assert!(by_odometry.covariance[(0, 0)].sqrt() < 0.4 * EXPECTED[0], "it was learnt");
+            tracker.correct(by_odometry);
+            tracker.begin_step();
+        }
+        assert_eq!(tracker.odometry_errors(), before);
+    }
+
+    #[test]
+    fn nothing_is_learnt_with_an_infinite_prior() {
+        let paper = MotionConfig { prior_motions: f64::INFINITY, ..MOTION };
+        assert_eq!(learnt(paper, [0.1; 3], [0.01; 3]), OdometryErrors::default());
+    }
+
+    /// Odometry that never changes, or that jumps, has not measured the motion; a step that no scan corrected shows no error.
+    #[test]
+    fn nothing_is_learnt_where_nothing_was_measured() {
+        let exact = Motion { mean: FORWARD, covariance: Matrix3::identity() * 1e-8 };
+        let (mut blind, mut jumping, mut unseen) = (started(MOTION), started(MOTION), started(MOTION));
+        for second in 1..200 {
+            let ahead = Pose::new(0.5 * f64::from(second), 0.0, 0.0);
+            blind.add(f64::from(second), Pose::IDENTITY);
+            jumping.add(f64::from(second), Pose { y: 1e3 * f64::from(second), ..ahead });
+            unseen.add(f64::from(second), ahead);
+            for tracker in [&mut blind, &mut jumping] {
+                tracker.correct(exact);
+            }
+            for tracker in [&mut blind, &mut jumping, &mut unseen] {
+                tracker.begin_step();
+            }
+        }
+        assert_eq!(jumping.refused().len(), 199);
+        for tracker in [blind, jumping, unseen] {
+            assert_eq!(tracker.odometry_errors(), OdometryErrors::default());
+        }
+    }
 
     #[test]
     fn the_factor_is_that_of_the_errors_with_outliers_or_without() {

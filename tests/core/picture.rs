@@ -8,6 +8,7 @@ use ipslam::ppca::Cluster;
 use ipslam::report::{Estimate, RunResult};
 use ipslam::scan::Scan;
 use ipslam::semantic::{History, Landmark, Mapped, SemanticMap, Verdict, Weight};
+use ipslam::tracking::OdometryErrors;
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 use resvg::tiny_skia::Pixmap;
 use resvg::usvg::roxmltree::{Document, Node};
@@ -271,7 +272,14 @@ fn run() -> (RunResult, Vec<(Scan, Pose, Pose)>) {
         confidence: None,
     };
     let poses = scans.iter().map(estimate).collect();
-    (RunResult { map: LineMap { clusters, free: None }, poses, refused_odometry: Vec::new(), loops: Vec::new() }, scans)
+    let result = RunResult {
+        map: LineMap { clusters, free: None },
+        poses,
+        refused_odometry: Vec::new(),
+        odometry_errors: OdometryErrors::default(),
+        loops: Vec::new(),
+    };
+    (result, scans)
 }
 
 #[test]
