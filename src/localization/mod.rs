@@ -39,8 +39,10 @@ use estimate::{BEST_KNOWN, Cloud, Place, best_known, credit, held_back, is_plaus
 use nalgebra::{Matrix3, Point2};
 use walls::Walls;
 
+pub use beginning::{Beginning, BeginningError, find_beginning};
 pub use config::LocalizationConfig;
 
+mod beginning;
 mod clouds;
 mod config;
 mod drawing;
@@ -403,6 +405,7 @@ impl Estimator for Localization {
             poses: self.estimates.clone(),
             refused_odometry: self.tracker.refused().to_vec(),
             loops: Vec::new(),
+            earlier: Vec::new(),
         }
     }
 
