@@ -17,7 +17,7 @@ use ipslam::evaluator::Evaluator;
 use ipslam::grid::RESOLUTION;
 use ipslam::log::LogSource;
 use ipslam::pipeline::{Counts, End, Outcome, Run, RunInfo};
-use ipslam::report::Observer;
+use ipslam::report::{Confidence, Observer};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 use std::iter;
@@ -225,6 +225,12 @@ impl Job<'_> {
         let smoothed = std::mem::replace(&mut mapped.smoothing, Ok(()));
         outputs
             .note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
+        if let Some(Earlier { beginning, .. }) = self.earlier {
+            // Odometry alone tells of the way to where the robot came into the map.
+            let unknown = Confidence { weight: 0.0, explained: 0.0, is_located: false };
+            let before = mapped.result.poses.iter_mut().take(beginning.reading);
+            before.for_each(|estimate| estimate.confidence = Some(unknown));
+        }
         if self.align {
             mapped.result = mapped.result.turned(-mapped.result.map.main_direction());
         }

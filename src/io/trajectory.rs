@@ -142,9 +142,10 @@ fn read_kitti(path: &Path) -> Result<Vec<StampedPose3>, LogError> {
     let times = times_path(path);
     if times.exists() {
         let mut stamps = Vec::new();
-        columns::read_rows(&times, "stamps, one a line", |row| match *row {
-            [stamp] => Ok(stamps.push(stamp)),
-            _ => Err(format!("{} columns", row.len())),
+        columns::read_rows(&times, "stamps, one a line", |row| {
+            let &[stamp] = row else { return Err(format!("{} columns", row.len())) };
+            stamps.push(stamp);
+            Ok(())
         })?;
         if stamps.len() != trajectory.len() {
             let reason = format!("{} stamps for {} poses", stamps.len(), trajectory.len());

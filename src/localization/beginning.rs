@@ -39,6 +39,11 @@ pub enum BeginningError {
 /// How well the pose of a robot that is located is known \[m, rad\].
 const LOCATED: [f64; 2] = [0.1, 0.05];
 
+/// People around the robot hide the map for a while: so far it is followed by odometry \[m\], ...
+const HIDDEN: f64 = 2.0;
+/// ... which is off by no more than this behind it \[m, rad\]. Another place would be farther away.
+const OFF: [f64; 2] = [0.5, 0.25];
+
 /// Finds where the drive of a log begins in a map. `initial` says where its first scan may be, if that is known. The readings
 /// up to where the robot is located are kept in memory.
 ///
@@ -51,19 +56,32 @@ pub fn find_beginning(
     config: &LocalizationConfig,
 ) -> Result<Beginning, BeginningError> {
     let mut filter = Localization::new(map.clone(), initial, *config, None)?;
-    let mut way = Vec::new();
-    let (mut metres, mut last) = (0.0, None);
+    let (mut way, mut driven) = (Vec::new(), Driven::default());
     for reading in readings(source)? {
         let (_, entry) = reading?;
         let Some(estimate) = estimate(&mut filter, &entry) else { continue };
-        let moved = last.replace(estimate.odom_from_robot).map(|last| estimate.odom_from_robot.seen_from(last));
-        metres += moved.map_or(0.0, |moved| moved.x.hypot(moved.y));
+        driven.add(&estimate);
         way.push(entry);
         if let (Some(pose), Some(LogEntry::Laser(_))) = (estimate.relied_on(), way.last()) {
             return Ok(back(map, &way, pose, config)?);
         }
     }
-    Err(BeginningError::NotFound { metres })
+    Err(BeginningError::NotFound { metres: driven.metres })
+}
+
+/// Way by odometry.
+#[derive(Default)]
+struct Driven {
+    metres: f64,
+    last: Option<Pose>,
+}
+
+impl Driven {
+    fn add(&mut self, estimate: &Estimate) {
+        let odom_from_robot = estimate.odom_from_robot;
+        let moved = self.last.replace(odom_from_robot).map(|last| odom_from_robot.seen_from(last));
+        self.metres += moved.map_or(0.0, |moved| moved.x.hypot(moved.y));
+    }
 }
 
 fn estimate(filter: &mut Localization, entry: &LogEntry) -> Option<Estimate> {
@@ -76,7 +94,8 @@ fn estimate(filter: &mut Localization, entry: &LogEntry) -> Option<Estimate> {
     told
 }
 
-/// Follows the way back from its last reading, a scan at a known pose, as far as the map explains the scans.
+/// Follows the way back from its last reading, a scan at a known pose, as far as the map explains the scans, but for short
+/// stretches.
 fn back(
     map: &LineMap,
     way: &[LogEntry],
@@ -87,22 +106,25 @@ fn back(
     let initial = InitialPose { world_from_robot, position_sigma, heading_sigma };
     let mut filter = Localization::new(map.clone(), Some(initial), *config, None)?;
     let mut beginning = Beginning { reading: way.len() - 1, world_from_robot };
+    let (mut hidden, mut world_from_odom) = (Driven::default(), None);
     for (reading, entry) in way.iter().enumerate().rev() {
         let mirrored = match entry.clone() {
             LogEntry::Odometry { stamp, odom_from_robot } => LogEntry::Odometry { stamp: -stamp, odom_from_robot },
             LogEntry::Laser(reading) => LogEntry::Laser(LaserReading { stamp: -reading.stamp, ..reading }),
             truth @ LogEntry::Truth { .. } => truth,
         };
-        let estimate = estimate(&mut filter, &mirrored);
-        let is_explained = |estimate: &Estimate| {
-            estimate.confidence.is_some_and(|confidence| confidence.explained >= config.located_explained)
-        };
-        let Some(world_from_robot) = estimate.filter(is_explained).and_then(|estimate| estimate.world_from_robot)
-        else {
+        let Some(estimate) = estimate(&mut filter, &mirrored) else { continue };
+        hidden.add(&estimate);
+        if hidden.metres > HIDDEN {
             break;
-        };
-        if matches!(entry, LogEntry::Laser(_)) {
-            beginning = Beginning { reading, world_from_robot };
+        }
+        let is_explained = estimate.confidence.is_some_and(|found| found.explained >= config.located_explained);
+        let (true, Some(pose), LogEntry::Laser(_)) = (is_explained, estimate.world_from_robot, entry) else { continue };
+        let off = world_from_odom.map_or(Pose::IDENTITY, |odom: Pose| pose.seen_from(odom * estimate.odom_from_robot));
+        if off.x.hypot(off.y) < OFF[0] && off.heading.abs() < OFF[1] {
+            beginning = Beginning { reading, world_from_robot: pose };
+            world_from_odom = Some(pose * estimate.odom_from_robot.inverse());
+            hidden.metres = 0.0;
         }
     }
     Ok(beginning)

@@ -314,7 +314,7 @@ fn legend(picture: &Picture<'_>) -> Vec<LegendEntry> {
         .collect();
     if picture.clusters.is_some() {
         let wall = format!("<path d=\"M0 0H30\" stroke=\"{CLUSTER}\" stroke-width=\"3\" stroke-linecap=\"round\"/>");
-        entries.push(LegendEntry { label: "walls, one cluster each".to_owned(), swatch: wall });
+        entries.push(LegendEntry { label: "walls (clusters)".to_owned(), swatch: wall });
     }
     if picture.deviations {
         let ellipse = format!(
