@@ -140,8 +140,8 @@ impl Slam {
         }
     }
 
-    /// The filter before its first reading, in the map of an earlier drive, where its first scan was taken at this pose. Loops are not
-    /// searched for: what is known of the path is more than the motions that a pose graph would bend.
+    /// The filter before its first reading, in the map of an earlier drive, where its first scan was taken at this pose. Loops are
+    /// not searched for: the earlier map says more of the path than the motions that a pose graph would bend.
     pub fn continuing(mut self, earlier: &[Cluster], world_from_robot: Pose) -> Self {
         let sightings = self.config.merging.min_sightings;
         let known = |&cluster: &Cluster| self.pool.insert(MapCluster { cluster, last_step: 0, sightings });

@@ -73,7 +73,8 @@ const ITERATIONS: u32 = 5;
 
 impl Smoother {
     /// Smooths the result of a run of this log in place. Frames stay: the world's origin is still the first pose of the
-    /// filter. What an earlier drive saw of the walls counts as it did then. A result without poses or without clusters stays as it is. `progress` is handed the share that is done, 0 to 1.
+    /// filter. What an earlier drive saw of the walls counts as it did then. A result without poses or without clusters stays as
+    /// it is. `progress` is handed the share that is done, 0 to 1.
     ///
     /// # Errors
     /// The log cannot be read again to the last pose of the result; the result is then that of the passes before.

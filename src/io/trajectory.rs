@@ -269,7 +269,9 @@ mod tests {
                 prop_assert_eq!(back.len(), written.len());
                 for (a, b) in written.iter().zip(&back) {
                     prop_assert!((a.stamp - b.stamp).abs() < 1e-6, "{}: {} {}", name, a.stamp, b.stamp);
-                    prop_assert!((a.pose.position - b.pose.position).norm() < 1e-8 && a.pose.rotation.angle_to(&b.pose.rotation) < 1e-5, "{}: {:?} {:?}", name, a, b);
+                    let off = (a.pose.position - b.pose.position).norm();
+                    let turned = a.pose.rotation.angle_to(&b.pose.rotation);
+                    prop_assert!(off < 1e-8 && turned < 1e-5, "{}: {:?} {:?}", name, a, b);
                 }
             }
         }

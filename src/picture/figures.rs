@@ -121,11 +121,7 @@ impl<'a> Figures<'a> {
             .points("laser points", &self.by_odometry)
             .trajectory("odometry", Line::ODOMETRY, &self.odometry);
         let other = if self.reference.is_empty() {
-            (
-                "odometry, as far as it stays here",
-                Line { stroke: Stroke::Dashed, ..Line::REFERENCE },
-                &self.odometry[..],
-            )
+            ("raw odometry", Line { stroke: Stroke::Dashed, ..Line::REFERENCE }, &self.odometry[..])
         } else {
             ("true path", Line::REFERENCE, self.reference)
         };
