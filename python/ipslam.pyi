@@ -36,7 +36,7 @@ __all__ = [
 __version__: str
 
 def read_log(
-    path: _Path, *, scan_topic: str | None = None, odom_topic: str | None = None, fov: float | None = None
+    path: _Path, *, scan_topic: str | Sequence[str] | None = None, odom_topic: str | None = None, fov: float | None = None
 ) -> Log:
     """Open a log: a CARMEN log, plain or gzip, or a ROS bag.
 
@@ -321,7 +321,7 @@ def run(log: _Path, out: _Path, **options: Any) -> dict[str, Any]:
     Parameters
     ----------
     **options
-        Options of the command that take a value: ``maps=64``, ``seed=2``, ``config="my.toml"``.
+        Options of the command: ``maps=64``, ``seed=2``, ``config="my.toml"``; ``force=True`` replaces a run in that folder.
 
     Returns
     -------

@@ -137,6 +137,11 @@ pub trait LogSource: Send + Sync {
     /// # Errors
     /// The file cannot be opened, or is none of this format. An empty log is no error.
     fn open(&self) -> Result<Box<dyn LogReader>, LogError>;
+
+    /// Whether the log may still be coming. Who wants no more of such a log ends it, and has all of it then.
+    fn is_live(&self) -> bool {
+        false
+    }
 }
 
 /// The entries of an opened log, in the order of the log.

@@ -9,7 +9,7 @@ use crate::ppca::Cluster;
 use crate::scan::Scan;
 use crate::tracking::OdometryErrors;
 use crc32fast::Hasher;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::Serialize;
 use std::ops::AddAssign;
 use web_time::Instant;
@@ -226,6 +226,8 @@ pub struct RunResult {
     pub odometry_errors: OdometryErrors,
     /// The loops that were searched for and found, in the order of the log.
     pub loops: Vec<Loop>,
+    /// The walls of an earlier drive that the map was made from, as that drive left them.
+    pub earlier: Vec<Cluster>,
 }
 
 impl RunResult {
@@ -245,6 +247,24 @@ impl RunResult {
     /// The estimates that can be relied on, and their poses.
     pub fn relied_on(&self) -> impl Iterator<Item = (&Estimate, Pose)> {
         self.poses.iter().filter_map(|estimate| Some((estimate, estimate.relied_on()?)))
+    }
+
+    /// The same, seen in a world that is turned by this angle about its origin \[rad\]. What is known of the free area is left out.
+    pub fn turned(&self, angle: f64) -> Self {
+        let turn = Pose::new(0.0, 0.0, angle);
+        let turned = |clusters: &[Cluster]| clusters.iter().map(|cluster| cluster.transformed(turn)).collect();
+        let rotation = Rotation3::from_axis_angle(&Vector3::z_axis(), angle).into_inner();
+        let estimate = |estimate: &Estimate| Estimate {
+            world_from_robot: estimate.world_from_robot.map(|pose| turn * pose),
+            covariance: estimate.covariance.map(|covariance| rotation * covariance * rotation.transpose()),
+            ..*estimate
+        };
+        Self {
+            map: LineMap { clusters: turned(&self.map.clusters), free: None },
+            poses: self.poses.iter().map(estimate).collect(),
+            earlier: turned(&self.earlier),
+            ..self.clone()
+        }
     }
 
     /// A number that changes with any bit of the map or the trajectory.

@@ -99,6 +99,8 @@ pub struct Slam {
     /// The motion since the last step.
     tracker: Tracker,
     loops: Loops,
+    /// The walls of an earlier drive.
+    earlier: Vec<Cluster>,
     times: StageTimes,
 }
 
@@ -132,9 +134,25 @@ impl Slam {
             steps: 0,
             tracker: Tracker::new(config.motion, config.tracking),
             loops: Loops::new(config.closer()),
+            earlier: Vec::new(),
             times: StageTimes::default(),
             config,
         }
+    }
+
+    /// The filter before its first reading, in the map of an earlier drive, where its first scan was taken at this pose. Loops are
+    /// not searched for: the earlier map says more of the path than the motions that a pose graph would bend.
+    pub fn continuing(mut self, earlier: &[Cluster], world_from_robot: Pose) -> Self {
+        let sightings = self.config.merging.min_sightings;
+        let known = |&cluster: &Cluster| self.pool.insert(MapCluster { cluster, last_step: 0, sightings });
+        let slots = earlier.iter().map(known).collect();
+        let path = self.ancestry.extend(None, world_from_robot);
+        let start = Hypothesis { map: Map { slots }, world_from_robot, log_weight: 0.0, score: 0.0, path };
+        self.hypotheses.fill(start);
+        self.table.update(&mut self.pool, world_from_robot);
+        self.loops = Loops::new(self.config.closer().without_search());
+        self.earlier = earlier.to_vec();
+        self
     }
 
     /// Tracks the robot; takes a step at the first scan and whenever the robot has moved far enough.
@@ -289,8 +307,8 @@ impl Slam {
         };
         let starts: Vec<Start> = self.hypotheses.iter().map(start).collect();
         let information = by_odometry.covariance.try_inverse().unwrap_or_else(Matrix3::zeros);
-        // At the first step there is no map to match.
-        let iterations = if self.steps == 0 { 0 } else { self.config.proposal.iterations };
+        // At the first step there is no map to match, but for that of an earlier drive.
+        let iterations = if self.steps == 0 && self.earlier.is_empty() { 0 } else { self.config.proposal.iterations };
         let how = Propagation {
             starts: &starts,
             particles_per_map,
@@ -499,6 +517,7 @@ impl Estimator for Slam {
             refused_odometry: self.tracker.refused().to_vec(),
             odometry_errors: self.tracker.odometry_errors(),
             loops: self.loops.found(&path[1..]),
+            earlier: self.earlier.clone(),
         }
     }
 

@@ -12,7 +12,7 @@
 //! Scans are read again from the log in each pass, so memory does not grow with their points. Of `ipslam run` with a single map
 //! on CSAIL, its five readings (the filter, three passes, the pictures) take 2 % of the time.
 
-use crate::ablation::AblationConfig;
+use crate::ablation::{AblationConfig, MatchingRule};
 use crate::evaluator::PosePrior;
 use crate::evaluator::cpu::match_scan;
 use crate::evaluator::pose::LocalPose;
@@ -21,7 +21,7 @@ use crate::geometry::Pose;
 use crate::likelihood::{ClusterParams, LikelihoodConfig};
 use crate::log::{LogEntry, LogError, LogSource, readings};
 use crate::map::MapCluster;
-use crate::map::matching::MatchingConfig;
+use crate::map::matching::{MatchingConfig, match_clusters};
 use crate::map::merging::{MergingConfig, consolidated};
 use crate::parameters::parameters;
 use crate::ppca::{Cluster, Moments};
@@ -77,7 +77,8 @@ const ITERATIONS: u32 = 5;
 
 impl Smoother {
     /// Smooths the result of a run of this log in place. Frames stay: the world's origin is still the first pose of the
-    /// filter. A result without poses or without clusters stays as it is. `progress` is handed the share that is done, 0 to 1.
+    /// filter. What an earlier drive saw of the walls counts as it did then. A result without poses or without clusters stays as
+    /// it is. `progress` is handed the share that is done, 0 to 1.
     ///
     /// # Errors
     /// The log cannot be read again to the last pose of the result; the result is then that of the passes before.
@@ -91,7 +92,8 @@ impl Smoother {
         for pass in 0..passes {
             let mut progress = |share| progress((pass as f64 + share) / passes as f64);
             let is_last = pass + 1 == passes;
-            let support = match_scans(source, result, self, is_last, &mut progress)?;
+            let mut support = match_scans(source, result, self, is_last, &mut progress)?;
+            add_earlier(&mut support, &result.map.clusters, &result.earlier, &self.matching);
             result.map.clusters = refit(&support, self, is_last);
         }
         Ok(())
@@ -206,6 +208,21 @@ fn place_scan(map: &[Cluster], scan: &Scan, guess: Pose, config: &Smoother) -> P
         world_from_robot,
         points: scan.points.iter().map(|&point| world_from_robot * point).collect(),
         likeliest: matched.likeliest.into_iter().map(|cluster| cluster.map(|cluster| near[cluster])).collect(),
+    }
+}
+
+/// Gives the points of an earlier drive, which are known by the moments of its walls, to the clusters that lie on these.
+fn add_earlier(support: &mut Vec<Support>, map: &[Cluster], earlier: &[Cluster], config: &MatchingConfig) {
+    let matches = match_clusters(map, earlier, config, MatchingRule::Collinear);
+    for (wall, matched) in earlier.iter().zip(matches) {
+        let cluster = matched.unwrap_or_else(|| {
+            support.push(Support::default());
+            support.len() - 1
+        });
+        let Support { moments, scans, .. } = &mut support[cluster];
+        *moments = moments.union(&wall.moments());
+        // It was no clutter then.
+        *scans = MANY_SCANS.max(*scans);
     }
 }
 

@@ -55,7 +55,7 @@ fuzz_target!(|data: &[u8]| {
         return;
     }
     // Where there are several topics, these.
-    let chosen = Topics { scan: Some("/scan".to_owned()), odometry: Some("/odom".to_owned()) };
+    let chosen = Topics { scan: vec!["/scan".to_owned()], odometry: Some("/odom".to_owned()) };
     for topics in [Topics::default(), chosen] {
         match McapLog::new(&*BAG, &topics) {
             Ok(log) => log.open().map_or((), |mut reader| check(&mut *reader)),

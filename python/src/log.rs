@@ -15,17 +15,33 @@ use std::sync::{Mutex, PoisonError};
 #[pyclass(frozen, module = "ipslam")]
 pub struct Log(pub Box<dyn LogSource>);
 
+/// One topic, or one of each laser.
+#[derive(FromPyObject)]
+pub enum ScanTopics {
+    One(String),
+    Several(Vec<String>),
+}
+
+impl ScanTopics {
+    fn into_names(self) -> Vec<String> {
+        match self {
+            Self::One(name) => vec![name],
+            Self::Several(names) => names,
+        }
+    }
+}
+
 /// Open a log: a CARMEN log, plain or gzip, or a ROS bag (its file or folder). `fov` is in radians.
 #[pyfunction]
 #[pyo3(signature = (path, *, scan_topic=None, odom_topic=None, fov=None))]
 pub fn read_log(
     py: Python<'_>,
     path: PathBuf,
-    scan_topic: Option<String>,
+    scan_topic: Option<ScanTopics>,
     odom_topic: Option<String>,
     fov: Option<f64>,
 ) -> PyResult<Log> {
-    let topics = Topics { scan: scan_topic, odometry: odom_topic };
+    let topics = Topics { scan: scan_topic.map_or_else(Vec::new, ScanTopics::into_names), odometry: odom_topic };
     let open = || -> Result<Box<dyn LogSource>, ipslam::log::LogError> {
         let source: Box<dyn LogSource> = match fov {
             Some(radians) => Box::new(CarmenLog::new(path).with_field_of_view(radians)),

@@ -14,7 +14,8 @@ pub fn main(py: Python<'_>) -> PyResult<u8> {
     Ok(py.detach(|| ipslam::cli::main(words)))
 }
 
-/// Map a log with all the files of `ipslam run LOG --out OUT`; `maps=64` is its option `--maps 64`. Returns the summary.
+/// Map a log with all the files of `ipslam run LOG --out OUT`; `maps=64` is its option `--maps 64`,
+/// `force=True` its option `--force`. Returns the summary.
 #[pyfunction]
 #[pyo3(signature = (log, out, **options))]
 pub fn run<'py>(
@@ -27,8 +28,11 @@ pub fn run<'py>(
     words.extend([log.into(), "--out".into(), out.clone().into()]);
     for (name, value) in options.into_iter().flatten() {
         let name: String = name.extract()?;
-        words.push(format!("--{}", name.replace('_', "-")).into());
-        words.push(value.str()?.to_string().into());
+        let option = format!("--{}", name.replace('_', "-"));
+        match value.extract::<bool>() {
+            Ok(is_set) => words.extend(is_set.then(|| option.into())),
+            Err(_) => words.extend([option.into(), value.str()?.to_string().into()]),
+        }
     }
     py.detach(|| ipslam::cli::call(words)).map_err(|error| match &*error {
         "interrupted" => PyKeyboardInterrupt::new_err(()),

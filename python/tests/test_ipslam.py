@@ -207,6 +207,9 @@ def test_the_program_and_run_write_the_same(log_path, tmp_path):
         assert (tmp_path / "called" / name).read_bytes() == (tmp_path / "started" / name).read_bytes()
     # Once more in the same process.
     ipslam.run(log_path, tmp_path / "again", max_scans=5, maps=2)
+    with pytest.raises(RuntimeError, match="--force"):
+        ipslam.run(log_path, tmp_path / "again", max_scans=6, maps=2, force=False)
+    assert ipslam.run(log_path, tmp_path / "again", max_scans=6, maps=2, force=True)["beams"]["scans"] == 6
     with pytest.raises(RuntimeError, match="missing.log"):
         ipslam.run("missing.log", tmp_path / "none")
     with pytest.raises(RuntimeError, match="--speed"):

@@ -62,7 +62,7 @@ impl BackendArgs {
             Backend::Cpu => {
                 anyhow::ensure!(
                     self.adapter.is_none(),
-                    UsageError("--adapter chooses a GPU, and --backend cpu takes none")
+                    UsageError("--adapter chooses a GPU, and --backend cpu takes none".to_owned())
                 );
                 Ok(Chosen::cpu(None))
             }

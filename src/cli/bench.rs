@@ -12,15 +12,15 @@ use std::time::Duration;
 #[derive(Debug, clap::Args)]
 pub struct BenchArgs {
     /// Numbers of particles
-    #[arg(long, value_delimiter = ',', default_values_t = [1_000, 10_000, 100_000, 1_000_000],
+    #[arg(long, value_delimiter = ',', default_value = "1000,10000,100000,1000000",
           value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     particles: Vec<u32>,
     /// Points a scan
-    #[arg(long, value_delimiter = ',', default_values_t = [180, 361, 1080],
+    #[arg(long, value_delimiter = ',', default_value = "180,361,1080",
           value_parser = clap::value_parser!(u32).range(1..=100_000))]
     points: Vec<u32>,
     /// Clusters of the map
-    #[arg(long, value_delimiter = ',', default_values_t = [50, 200, 2000],
+    #[arg(long, value_delimiter = ',', default_value = "50,200,2000",
           value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     clusters: Vec<u32>,
     /// Leave out what the CPU would take longer for than this [s], by its time for the number of particles before

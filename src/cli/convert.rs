@@ -1,9 +1,10 @@
-//! `ipslam convert`: a log or a map in another format, or a published set of detections as a recording.
+//! `ipslam convert`: a log, a map or a trajectory in another format, or a published set of detections as a recording.
 
+use super::UsageError;
 use super::dataset::{DatasetArgs, convert_imu_tracks};
 use super::interrupt;
 use super::say::say;
-use anyhow::{Context as _, anyhow, bail};
+use anyhow::{anyhow, bail};
 use flate2::{Compression, write::GzEncoder};
 use ipslam::clustering::ClusteringConfig;
 use ipslam::grid::{FreeArea, OccupancyGrid, RESOLUTION, drawn};
@@ -11,6 +12,7 @@ use ipslam::io::carmen::CarmenWriter;
 use ipslam::io::datasets::imu_tracks;
 use ipslam::io::map_server::ReadGrid;
 use ipslam::io::mcap::Topics;
+use ipslam::io::trajectory::{self, TrajectoryFormat};
 use ipslam::io::{datasets, geojson, map_json, map_server, open_log, write_whole};
 use ipslam::map::{LineMap, clusters_of_grid};
 use ipslam::picture::Picture;
@@ -19,18 +21,21 @@ use std::path::{Path, PathBuf};
 
 const POSSIBLE: &str = "Formats, by the endings of the names:
   logs   in: CARMEN, plain or gzip; out: .clf, .log, .clf.gz, .log.gz (CARMEN)
-  maps   in: .json (map.json), .yaml (grid of ROS's map_server, with its PGM or PNG);
-         out: .json, .yaml (and .pgm), .geojson (walls), .svg (picture)
+  maps   in: .json (map.json), .yaml (grid of ROS's map_server, with its PGM or PNG),
+             .png (grid, with its YAML file beside it);
+         out: .json, .yaml (and .pgm), .png (and .yaml), .geojson (walls), .svg (picture)
+  paths  in and out: .tum, .kitti (stamps in .times.txt), .csv (poses.csv), .euroc.csv;
+         in: .xyt, .csv of EuRoC
 
 Folders, by the files in them, become recordings of detections (a new folder):
   MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition;
 or of a camera with an inertial sensor: imu_tracks.csv of GTSAM (EuRoC)";
 
-/// Writes a log or a map in another format, or a published set of detections as a recording.
+/// Writes a log, a map or a trajectory in another format, or a published set of detections as a recording.
 #[derive(Debug, clap::Args)]
 #[command(after_help = POSSIBLE)]
 pub struct ConvertArgs {
-    /// Log, map or folder of a set to read
+    /// Log, map, trajectory or folder of a set to read
     input: PathBuf,
     /// File to write, whose ending names the format; of a set, the folder to make
     output: PathBuf,
@@ -45,8 +50,10 @@ enum Format {
     LogGzip,
     Json,
     MapServer,
+    Png,
     GeoJson,
     Svg,
+    Trajectory(TrajectoryFormat),
 }
 
 impl Format {
@@ -60,10 +67,12 @@ impl Format {
             (".json", Self::Json),
             (".yaml", Self::MapServer),
             (".yml", Self::MapServer),
+            (".png", Self::Png),
             (".geojson", Self::GeoJson),
             (".svg", Self::Svg),
         ];
-        endings.iter().find(|(ending, _)| name.ends_with(ending)).map(|&(_, format)| format)
+        let found = endings.iter().find(|(ending, _)| name.ends_with(ending)).map(|&(_, format)| format);
+        found.or_else(|| TrajectoryFormat::of(path).map(Self::Trajectory))
     }
 
     fn is_log(self) -> bool {
@@ -88,27 +97,42 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
         return convert_imu_tracks(input, output);
     }
     if dataset.are_given() {
-        bail!(
+        bail!(UsageError(format!(
             "{}: this is no folder of a set of detections, and options are for sets only\n{POSSIBLE}",
             input.display()
-        );
+        )));
     }
-    let format = Format::of(output)
-        .with_context(|| format!("{}: the ending of this name tells no format\n{POSSIBLE}", output.display()))?;
+    let format = Format::of(output).ok_or_else(|| {
+        UsageError(format!("{}: the ending of this name tells no format\n{POSSIBLE}", output.display()))
+    })?;
     let map = match Format::of(input) {
         Some(Format::Json) => Map::Clusters(map_json::read_map(input)?),
-        Some(Format::MapServer) => Map::Grid(read_grid(input)?),
-        Some(Format::GeoJson | Format::Svg) => bail!("{}: this format is only written\n{POSSIBLE}", input.display()),
+        Some(Format::MapServer) => Map::Grid(told(map_server::read(input)?)),
+        Some(Format::Png) => Map::Grid(told(map_server::read_picture(input)?)),
+        Some(Format::Trajectory(from)) => {
+            let Format::Trajectory(to) = format else {
+                bail!(UsageError(format!("{}: a trajectory makes another one only\n{POSSIBLE}", input.display())))
+            };
+            return convert_trajectory(input, from, output, to);
+        }
+        Some(Format::GeoJson | Format::Svg) => {
+            bail!(UsageError(format!("{}: this format is only written\n{POSSIBLE}", input.display())))
+        }
         // The name of a log may end in anything.
         Some(Format::Log | Format::LogGzip) | None if format.is_log() => return convert_log(input, output, format),
         Some(Format::Log | Format::LogGzip) | None => {
             let input = input.display();
-            bail!("{input} would be read as a log, and a log is made a map by `ipslam run {input}`\n{POSSIBLE}")
+            bail!(UsageError(format!(
+                "{input} would be read as a log, and a log is made a map by `ipslam run {input}`\n{POSSIBLE}"
+            )))
         }
     };
     match format {
-        Format::Log | Format::LogGzip => bail!("{}: a map makes no log\n{POSSIBLE}", input.display()),
+        Format::Log | Format::LogGzip | Format::Trajectory(_) => {
+            bail!(UsageError(format!("{}: a map makes neither log nor trajectory\n{POSSIBLE}", input.display())))
+        }
         Format::MapServer => map_server::write(output, &map.grid()?)?,
+        Format::Png => map_server::write_png(output, &map.grid()?)?,
         Format::Json => {
             let map = map.clusters();
             write_whole(output, |file| map_json::write_map(&map, file))?;
@@ -126,9 +150,21 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
 
 /// Reads a grid, and says what is odd about it.
 pub fn read_grid(path: &Path) -> anyhow::Result<OccupancyGrid> {
-    let ReadGrid { grid, warnings } = map_server::read(path)?;
+    Ok(told(map_server::read(path)?))
+}
+
+fn told(ReadGrid { grid, warnings }: ReadGrid) -> OccupancyGrid {
     warnings.iter().for_each(|warning| say!("warning: {warning}"));
-    Ok(grid)
+    grid
+}
+
+fn convert_trajectory(input: &Path, from: TrajectoryFormat, output: &Path, to: TrajectoryFormat) -> anyhow::Result<()> {
+    let poses = trajectory::read(input, from)?;
+    let times = trajectory::times_path(input);
+    if from == TrajectoryFormat::Kitti && !times.exists() {
+        say!("note: {} is not there: poses are stamped 0, 1, 2, ... s", times.display());
+    }
+    Ok(trajectory::write(output, to, &poses)?)
 }
 
 impl Map {

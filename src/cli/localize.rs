@@ -6,7 +6,7 @@ use super::configuration;
 use super::convert::read_grid;
 use super::interrupt;
 use super::log::LogArgs;
-use super::output::Outputs;
+use super::output::{OutArgs, Outputs};
 use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::run::ThreadArgs;
@@ -53,9 +53,8 @@ pub struct LocalizeArgs {
     /// True poses in the map's frame (TUM or t x y theta), such as trajectory.tum of the run that made the map
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
-    /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME OF THE LOG-localized]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    #[command(flatten)]
+    out: OutArgs,
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
@@ -81,7 +80,7 @@ fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     if all.iter().all(|number| number.is_finite()) { Ok(all) } else { Err("a number is not finite".to_owned()) }
 }
 
-fn pose(text: &str) -> Result<Pose, String> {
+pub fn pose(text: &str) -> Result<Pose, String> {
     numbers(text).map(|[x, y, heading]| Pose::new(x, y, heading))
 }
 
@@ -112,9 +111,9 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     args.threads.start()?;
     let map = known_map(&args.map)?;
     let reference = args.reference.as_deref().map(tum::read).transpose()?;
-    let source = args.log.source()?.ok_or(UsageError("no log is named: `ipslam localize MAP LOG`"))?;
+    let source = args.log.source()?.ok_or(UsageError("no log is named: `ipslam localize MAP LOG`".to_owned()))?;
     source.open()?;
-    let mut outputs = Outputs::for_log(args.out.as_deref(), &format!("{}-localized", source.name()))?;
+    let mut outputs = args.out.open(&format!("{}-localized", source.name()))?;
     interrupt::watch()?;
     let Chosen { evaluator, name: device } = args.backend.choose()?;
     let info = RunInfo { log: source.name(), device, config: Config::Localization(config) };
@@ -155,7 +154,7 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
 }
 
 /// Reads a map of either kind.
-fn known_map(path: &Path) -> anyhow::Result<LineMap> {
+pub fn known_map(path: &Path) -> anyhow::Result<LineMap> {
     let shown = path.display();
     let map = match path.extension().and_then(|ending| ending.to_str()) {
         Some("json") => {

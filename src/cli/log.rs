@@ -1,20 +1,23 @@
 //! Which log to read, as the commands that read one let the user choose it.
 
-use anyhow::ensure;
+use super::{UsageError, interrupt};
+use anyhow::{Context as _, ensure};
 use ipslam::io::carmen::CarmenLog;
 use ipslam::io::mcap::Topics;
-use ipslam::io::open_log;
+use ipslam::io::{Stream, open_log, open_stream};
 use ipslam::log::LogSource;
-use std::path::PathBuf;
+use std::io::{IsTerminal as _, stdin};
+use std::path::{Path, PathBuf};
 
 /// A log and, where it is a bag, which of its topics.
 #[derive(Debug, clap::Args)]
 pub struct LogArgs {
-    /// CARMEN log, plain or gzip, or ROS bag: an MCAP, SQLite (.db3) or ROS 1 (.bag) file, or the folder of one
+    /// CARMEN log, plain or gzip, or ROS bag: an MCAP, SQLite (.db3) or ROS 1 (.bag) file, or the folder of one; - for
+    /// a CARMEN log or MCAP from standard input, as it comes
     pub log: Option<PathBuf>,
-    /// Topic of the laser scans in a bag [default: the only one]
+    /// Topic of the laser scans in a bag; again for each further laser of the robot [default: the only one]
     #[arg(long, value_name = "TOPIC", requires = "log")]
-    scan_topic: Option<String>,
+    scan_topic: Vec<String>,
     /// Topic of the odometry in a bag: odometry messages or transforms [default: the only odometry, or else /tf]
     #[arg(long, value_name = "TOPIC", requires = "log")]
     odom_topic: Option<String>,
@@ -32,13 +35,28 @@ fn degrees(text: &str) -> Result<f64, String> {
 impl LogArgs {
     /// The log; `None` where none was named.
     pub fn source(&self) -> anyhow::Result<Option<Box<dyn LogSource>>> {
-        let Some(path) = &self.log else { return Ok(None) };
-        let readable_twice = std::fs::metadata(path).map_or(true, |found| found.is_file() || found.is_dir());
-        ensure!(readable_twice, "{}: no file; a log is read twice, so save it to a file first", path.display());
+        self.log.as_deref().map(|path| self.source_of(path)).transpose()
+    }
+
+    /// A log that is read as this one is.
+    pub fn source_of(&self, path: &Path) -> anyhow::Result<Box<dyn LogSource>> {
         let topics = Topics { scan: self.scan_topic.clone(), odometry: self.odom_topic.clone() };
-        if let Some(degrees) = self.fov {
-            return Ok(Some(Box::new(CarmenLog::new(path).with_field_of_view(degrees.to_radians()))));
+        let field_of_view = self.fov.map(f64::to_radians);
+        if path.as_os_str() == "-" {
+            let nobody_writes = || UsageError("-: standard input is a terminal; let a program write to it".to_owned());
+            ensure!(!stdin().is_terminal(), nobody_writes());
+            let stream = Stream::new(stdin(), interrupt::happened).context("standard input cannot be kept")?;
+            return Ok(open_stream(stream, &topics, field_of_view)?);
         }
-        Ok(Some(open_log(path, &topics)?))
+        let readable_twice = std::fs::metadata(path).map_or(true, |found| found.is_file() || found.is_dir());
+        ensure!(
+            readable_twice,
+            "{}: no file: a log is read twice; `-` keeps what comes on standard input",
+            path.display()
+        );
+        if let Some(field_of_view) = field_of_view {
+            return Ok(Box::new(CarmenLog::new(path).with_field_of_view(field_of_view)));
+        }
+        Ok(open_log(path, &topics)?)
     }
 }

@@ -11,6 +11,7 @@ use std::sync::Once;
 mod backend;
 mod bench;
 mod configuration;
+mod continued;
 mod convert;
 mod dataset;
 mod devices;
@@ -44,7 +45,7 @@ const EXIT_CODES: &str = "Exit codes:
 /// What was asked for cannot be.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-struct UsageError(&'static str);
+struct UsageError(String);
 
 const FAILED: u8 = 1;
 const WRONG_USAGE: u8 = 2;

@@ -1,8 +1,10 @@
 //! The files of a run. One that cannot be written does not keep the others from being written.
 
+use super::UsageError;
+use super::continued::Earlier;
 use super::progress::Bar;
 use super::say::say;
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
 use ipslam::geometry::StampedPose;
 use ipslam::grid::{FreeArea, GridBuilder};
 use ipslam::io::{geojson, map_json, map_server, poses, tum, write_whole};
@@ -16,12 +18,67 @@ use std::fs::{File, TryLockError};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+/// Where results go. A finished run is replaced only by `--force`: hours of work are not lost to an arrow key. Where no folder is
+/// named, the next one that is free is taken.
+#[derive(Debug, clap::Args)]
+pub struct OutArgs {
+    /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME of the input, with -2, -3, ... where a run is
+    /// there already]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Replace the finished run in that folder
+    #[arg(long)]
+    force: bool,
+}
+
+impl OutArgs {
+    /// A folder for what is made of an input of this name.
+    pub fn open(&self, input: &str) -> anyhow::Result<Outputs> {
+        if let Some(folder) = &self.out {
+            let is_free = self.force || !holds_run(folder);
+            let remedy = "it holds a finished run: name another folder with --out, or replace that run with --force";
+            ensure!(is_free, UsageError(format!("{}: {remedy}", folder.display())));
+            return Outputs::new(folder.clone());
+        }
+        self.numbered(Path::new("ipslam-out"), input)
+    }
+
+    /// The same for one of several inputs: below the folder that was named.
+    pub fn open_below(&self, input: &str) -> anyhow::Result<Outputs> {
+        self.numbered(self.out.as_deref().unwrap_or(Path::new("ipslam-out")), input)
+    }
+
+    fn numbered(&self, above: &Path, input: &str) -> anyhow::Result<Outputs> {
+        // A name of dots alone is another folder's.
+        let name = if input.trim_matches('.').is_empty() { "log" } else { input };
+        let mut folder = above.join(name);
+        let mut number = 2;
+        while !self.force && (holds_run(&folder) || is_locked(&folder)) {
+            folder.set_file_name(format!("{name}-{number}"));
+            number += 1;
+        }
+        Outputs::new(folder)
+    }
+}
+
+fn holds_run(folder: &Path) -> bool {
+    folder.join(SUMMARY).exists()
+}
+
+/// Whether a run is writing there.
+fn is_locked(folder: &Path) -> bool {
+    let lock = File::open(folder.join(LOCK));
+    lock.is_ok_and(|lock| matches!(lock.try_lock(), Err(TryLockError::WouldBlock)))
+}
+
 /// A folder for outputs, and what went wrong with them.
 ///
 /// Files are written to a folder beside the results and moved in together at the end, `summary.json` last: where it is, all
 /// others are of the same run. A lock keeps two runs from one folder.
 pub struct Outputs {
     folder: PathBuf,
+    /// Of the folder and those above it, the ones that were made for it, the innermost first.
+    made: Vec<PathBuf>,
     staging: PathBuf,
     /// Held as long as the run writes; the system lets go of it however the run ends.
     _lock: File,
@@ -31,22 +88,18 @@ pub struct Outputs {
 
 /// Written last.
 const SUMMARY: &str = "summary.json";
+const LOCK: &str = ".lock";
 /// Folders that begin with this are of runs under way, or of ones that were killed.
 const STAGING: &str = ".ipslam-";
 
 impl Outputs {
-    /// A folder for what is made of a log: the one that was named, or one of the log's own.
-    pub fn for_log(named: Option<&Path>, log: &str) -> anyhow::Result<Self> {
-        // A name of dots alone is another folder's.
-        let name = if log.trim_matches('.').is_empty() { "log" } else { log };
-        Self::new(named.map_or_else(|| Path::new("ipslam-out").join(name), Path::to_owned))
-    }
-
     /// Makes the folder and tries it, so that a long run does not end without a place for its results.
     fn new(folder: PathBuf) -> anyhow::Result<Self> {
         let remedy = || format!("{}: no folder for outputs; name another one with --out", folder.display());
+        let is_missing = |above: &&Path| !above.as_os_str().is_empty() && !above.exists();
+        let made = folder.ancestors().take_while(is_missing).map(Path::to_owned).collect();
         std::fs::create_dir_all(&folder).with_context(remedy)?;
-        let lock = File::create(folder.join(".lock")).with_context(remedy)?;
+        let lock = File::create(folder.join(LOCK)).with_context(remedy)?;
         if let Err(TryLockError::WouldBlock) = lock.try_lock() {
             bail!("{}: another run is writing to this folder; name another one with --out", folder.display());
         }
@@ -61,7 +114,7 @@ impl Outputs {
         let probe = staging.join("probe");
         write_whole(&probe, |file| file.write_all(b"can this be written?")).with_context(remedy)?;
         std::fs::remove_file(&probe).with_context(remedy)?;
-        Ok(Self { folder, staging, _lock: lock, staged: Vec::new(), errors: Vec::new() })
+        Ok(Self { folder, made, staging, _lock: lock, staged: Vec::new(), errors: Vec::new() })
     }
 
     /// Where a file of this name will be.
@@ -85,11 +138,8 @@ impl Outputs {
     /// earlier run, those stay, and the new ones come to a folder of their own.
     pub fn finish(&mut self) {
         let is_whole = self.staged.iter().all(|name| self.staging.join(name).is_file());
-        let target = if is_whole || !self.folder.join(SUMMARY).exists() {
-            self.folder.clone()
-        } else {
-            self.folder.join("incomplete")
-        };
+        let target =
+            if is_whole || !holds_run(&self.folder) { self.folder.clone() } else { self.folder.join("incomplete") };
         let moved = self.move_to(&target);
         self.note(moved.with_context(|| format!("{}: outputs cannot be moved there", target.display())));
         if target == self.folder {
@@ -143,7 +193,8 @@ impl Outputs {
     /// Reads the log again for its points, as far as it was mapped; writes the map with its free area, the grid and the
     /// walls, and draws the pictures. Returns the size of `map.json` in bytes.
     ///
-    /// `reference` is in the world's frame, `cell_size` the side of a cell of the grid [m].
+    /// `reference` is in the world's frame, `cell_size` the side of a cell of the grid [m]. Where the drives are several, the
+    /// grid tells of all of them.
     pub fn look_again(
         &mut self,
         source: &dyn LogSource,
@@ -151,6 +202,7 @@ impl Outputs {
         mapped: &Outcome,
         reference: &[StampedPose],
         cell_size: f64,
+        earlier: Option<&Earlier>,
     ) -> usize {
         let result = &mapped.result;
         let mut figures = Figures::new(source.name(), result, reference);
@@ -158,7 +210,12 @@ impl Outputs {
         let added = add_scans(&mut figures, &mut builder, source, scan_config, mapped);
         self.note(added.context("the log cannot be read again for the grid and the pictures"));
         let driven = result.relied_on().map(|(_, pose)| pose.position());
-        let free = match builder.finish() {
+        let grid = builder.finish().map_err(anyhow::Error::from);
+        let grid = match earlier {
+            Some(earlier) => grid.and_then(|grid| earlier.behind(&grid)),
+            None => grid,
+        };
+        let free = match grid {
             Ok(grid) => {
                 self.stage("map.pgm");
                 let path = self.stage("map.yaml");
@@ -179,7 +236,10 @@ impl Outputs {
     }
 
     fn draw(&mut self, figures: &Figures<'_>) {
-        match figures.finish() {
+        let bar = Bar::busy("drawing the pictures");
+        let drawn = figures.finish();
+        bar.finish();
+        match drawn {
             Ok(files) => files.iter().for_each(|(name, bytes)| self.write(name, bytes)),
             Err(error) => self.note(Err(error)),
         }
@@ -187,12 +247,12 @@ impl Outputs {
 }
 
 impl Drop for Outputs {
-    /// A run that failed leaves nothing behind, and no empty folders.
+    /// A run that failed leaves nothing behind, and no empty folder that it made.
     fn drop(&mut self) {
         // What is not there, or not empty, is as it should be.
         let _ = std::fs::remove_dir_all(&self.staging);
-        let _ = std::fs::remove_file(self.folder.join(".lock"));
-        let _ = std::fs::remove_dir(&self.folder);
+        let _ = std::fs::remove_file(self.folder.join(LOCK));
+        self.made.iter().for_each(|folder| _ = std::fs::remove_dir(folder));
     }
 }
 
@@ -279,6 +339,5 @@ mod tests {
         assert!(error.contains("another run is writing"), "{error}");
         drop(first);
         assert!(!folder.exists(), "a run that failed leaves an empty folder");
-        assert!(Outputs::for_log(Some(&folder), "..").is_ok());
     }
 }

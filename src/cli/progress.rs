@@ -34,7 +34,8 @@ pub fn run_with_bar(
                 bar.update((share * PERMILLE as f64) as u64, |_| "smoothing".to_owned());
             }
         }
-        !interrupt::happened()
+        // A live log ends there by itself.
+        run.source.is_live() || !interrupt::happened()
     });
     if interrupt::happened() {
         say!("interrupted: writing what was done until now; again to stop at once");
@@ -46,6 +47,9 @@ pub fn run_with_bar(
 /// A bar on stderr.
 pub struct Bar {
     bar: ProgressBar,
+    length: Option<u64>,
+    /// Done at the first update: what a reader takes at once, before there is an entry.
+    first: Option<u64>,
     began: Instant,
     updated: Instant,
 }
@@ -60,17 +64,29 @@ impl Bar {
             bar.set_style(style);
         }
         let now = Instant::now();
-        Self { bar, began: now, updated: now }
+        Self { bar, length, first: None, began: now, updated: now }
+    }
+
+    /// Something that takes a while, without an end that is known.
+    pub fn busy(message: &'static str) -> Self {
+        let this = Self::new(None);
+        this.bar.set_message(message);
+        this.bar.enable_steady_tick(EVERY);
+        this
     }
 
     /// Shows where the run is; what is said besides may depend on the seconds since it began.
     pub fn update(&mut self, done: u64, message: impl FnOnce(f64) -> String) {
+        let first = *self.first.get_or_insert(done);
         if self.updated.elapsed() < EVERY || self.bar.is_hidden() {
             return;
         }
         self.updated = Instant::now();
         let seconds = self.began.elapsed().as_secs_f64();
-        self.bar.set_position(done);
+        if let Some(length) = self.length {
+            self.bar.set_length(length.saturating_sub(first));
+        }
+        self.bar.set_position(done.saturating_sub(first));
         self.bar.set_message(message(seconds));
     }
 

@@ -3,6 +3,7 @@
 
 use super::backend::BackendArgs;
 use super::configuration::ConfigArgs;
+use super::output::OutArgs;
 use super::recording::RecordLevel;
 use super::run::{GridArgs, ThreadArgs};
 use super::truth::TruthArgs;
@@ -27,9 +28,8 @@ pub struct ReplayArgs {
     pub truth: TruthArgs,
     #[command(flatten)]
     grid: GridArgs,
-    /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME OF THE RECORDING-replayed]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub out: OutArgs,
     /// New recording with both runs side by side [default: replay.rrd among the outputs; none with --verify]
     #[arg(long, value_name = "FILE.rrd")]
     pub record: Option<PathBuf>,
@@ -52,9 +52,9 @@ pub use with_recorder::replay;
 
 #[cfg(feature = "record")]
 mod with_recorder {
+    use super::super::UsageError;
     use super::super::backend::Chosen;
     use super::super::interrupt;
-    use super::super::output::Outputs;
     use super::super::recording::refuse_input;
     use super::super::replay_semantic::replay_mapping;
     use super::super::run::{Job, Printed};
@@ -71,10 +71,29 @@ mod with_recorder {
     use serde_json::json;
     use std::cell::RefCell;
     use std::fmt::Write as _;
+    use std::path::Path;
     use std::rc::Rc;
+
+    /// What is known to be something else is told with what it is for; the rest is the reader's business.
+    fn refuse_other(path: &Path) -> anyhow::Result<()> {
+        let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        let shown = path.display();
+        let what = match &*ending {
+            "json" | "yaml" | "yml" | "pgm" => {
+                format!("this is a map: `ipslam localize {shown} LOG` finds the robot in it")
+            }
+            "clf" | "gz" | "mcap" | "db3" | "bag" => {
+                format!("this is a log: `ipslam run {shown} --record RUN.rrd` makes a recording")
+            }
+            "tum" | "csv" | "kitti" => "this is a trajectory".to_owned(),
+            _ => return Ok(()),
+        };
+        bail!(UsageError(format!("{shown}: {what}; what is replayed is a recording (.rrd) of `ipslam run --record`")))
+    }
 
     /// Runs the log of a recording again. Errors that the run went on after are returned as a list.
     pub fn replay(args: &ReplayArgs) -> anyhow::Result<Vec<anyhow::Error>> {
+        refuse_other(&args.recording)?;
         let store = Store::open(&args.recording)?;
         if let Config::Semantic(_) = store.info.config {
             return replay_mapping(args, RecordedMapping::new(store)?);
@@ -87,7 +106,7 @@ mod with_recorder {
         };
         let config = args.config.over(recorded_config)?;
         let truth = args.truth.read()?;
-        let mut outputs = Outputs::for_log(args.out.as_deref(), &format!("{}-replayed", recorded.name()))?;
+        let mut outputs = args.out.open(&format!("{}-replayed", recorded.name()))?;
         args.threads.start()?;
         interrupt::watch()?;
         let chosen = if args.verify { Chosen::cpu(None) } else { args.backend.choose()? };
@@ -115,11 +134,13 @@ mod with_recorder {
         let smooth = recorded.result.is_none_or(|result| result.is_smoothed);
         let job = Job {
             source: &recorded,
+            earlier: None,
             info: &info,
             config: &config,
             max_scans: None,
             truth: &truth,
             cell_size: args.grid.cell_size,
+            align: false,
             smooth,
             printed: (!args.json).then_some(Printed::Table),
         };

@@ -1,6 +1,5 @@
 //! `ipslam replay` of a recording of objects.
 
-use super::output::Outputs;
 use super::recording::refuse_input;
 use super::replay::ReplayArgs;
 use super::say::{print_line, say};
@@ -16,7 +15,7 @@ pub fn replay_mapping(args: &ReplayArgs, recorded: RecordedMapping) -> anyhow::R
     let store = recorded.store();
     ensure!(args.truth.is_empty(), "--relations and --reference score what `ipslam run` recorded");
     let config = args.config.over_semantic(recorded.config)?;
-    let mut outputs = Outputs::for_log(args.out.as_deref(), &format!("{}-replayed", store.name()))?;
+    let mut outputs = args.out.open(&format!("{}-replayed", store.name()))?;
     args.threads.start()?;
     if args.verify && store.version != env!("CARGO_PKG_VERSION") {
         say!("{shown} was recorded by version {}: another version may differ", store.version);

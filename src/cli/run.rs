@@ -2,9 +2,10 @@
 
 use super::backend::{BackendArgs, Chosen};
 use super::configuration::ConfigArgs;
+use super::continued::{ContinueArgs, Earlier, ScansFrom};
 use super::interrupt;
 use super::log::LogArgs;
-use super::output::Outputs;
+use super::output::{OutArgs, Outputs};
 use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::say::{print_line, say};
@@ -16,21 +17,26 @@ use ipslam::evaluator::Evaluator;
 use ipslam::grid::RESOLUTION;
 use ipslam::log::LogSource;
 use ipslam::pipeline::{Counts, End, Outcome, Run, RunInfo};
-use ipslam::report::Observer;
+use ipslam::report::{Confidence, Observer};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
+use std::iter;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Maps a log, or without one a simulated drive through the built-in building: writes trajectory, map, pictures and a
-/// summary.
+/// summary. Of several logs each goes on with the map of those before it, in a folder of its own.
 #[derive(Debug, clap::Args)]
 pub struct RunArgs {
     #[command(flatten)]
     log: LogArgs,
-    /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME OF THE LOG]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    /// More logs of the same place, in the order in which they are mapped
+    #[arg(value_name = "MORE LOGS", conflicts_with_all = ["align", "relations", "reference", "record"])]
+    more: Vec<PathBuf>,
+    #[command(flatten)]
+    out: OutArgs,
+    #[command(flatten)]
+    earlier: ContinueArgs,
     #[command(flatten)]
     config: ConfigArgs,
     #[command(flatten)]
@@ -46,6 +52,9 @@ pub struct RunArgs {
     backend: BackendArgs,
     #[command(flatten)]
     recording: RecordingArgs,
+    /// Turn the world so that most walls are along its axes; its origin stays
+    #[arg(long, conflicts_with = "earlier")]
+    align: bool,
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
@@ -84,41 +93,70 @@ impl ThreadArgs {
     }
 }
 
-/// Maps the log. What went wrong while the run could go on is returned as a list, and what ended it as the error.
+/// Maps the logs. What went wrong while the run could go on is returned as a list, and what ended it as the error.
 pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let config = args.config.over(SlamConfig::default())?;
     let truth = args.truth.read()?;
-    let source = args.source()?;
-    source.open()?;
-    let mut outputs = Outputs::for_log(args.out.as_deref(), &source.name())?;
     args.threads.start()?;
-    interrupt::watch()?;
-    let Chosen { evaluator, name: device } = args.backend.choose()?;
-    let info = RunInfo { log: source.name(), device, config: Config::Slam(config) };
-    let mut observers = args.recording.observers(&info, args.log.log.as_deref())?;
-    let job = Job {
-        source: &*source,
-        info: &info,
-        config: &config,
-        max_scans: args.max_scans,
-        truth: &truth,
-        cell_size: args.grid.cell_size,
-        smooth: true,
-        printed: Some(if args.json { Printed::Json } else { Printed::Table }),
-    };
-    let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
-    if mapped.counts.scans > 0 {
-        outputs.finish();
+    let (mut earlier, mut errors) = (args.earlier.clone(), Vec::new());
+    for log in iter::once(args.log.log.as_deref()).chain(args.more.iter().map(|log| Some(log.as_path()))) {
+        let (folder, mut found) = args.map(log, &config, &truth, &earlier)?;
+        errors.append(&mut found);
+        if interrupt::happened() {
+            break;
+        }
+        // The next log watches for itself.
+        interrupt::forget();
+        earlier = ContinueArgs::from(folder);
     }
-    args.nothing_mapped(&mapped)?;
-    Ok(std::mem::take(&mut outputs.errors))
+    Ok(errors)
+}
+
+impl RunArgs {
+    /// Maps one log. Returns where its map is, and what went wrong.
+    fn map(
+        &self,
+        log: Option<&Path>,
+        config: &SlamConfig,
+        truth: &Truth<'_>,
+        earlier: &ContinueArgs,
+    ) -> anyhow::Result<(PathBuf, Vec<anyhow::Error>)> {
+        let source = self.source(log)?;
+        source.open()?;
+        let mut outputs =
+            if self.more.is_empty() { self.out.open(&source.name())? } else { self.out.open_below(&source.name())? };
+        // Before signals are watched for: it ends at the first.
+        let earlier = earlier.find(&*source, config, self.grid.cell_size)?;
+        interrupt::watch()?;
+        let Chosen { evaluator, name: device } = self.backend.choose()?;
+        let info = RunInfo { log: source.name(), device, config: Config::Slam(*config) };
+        let mut observers = self.recording.observers(&info, log)?;
+        let reading = earlier.as_ref().map_or(0, |earlier| earlier.beginning.reading);
+        let job = Job {
+            source: &ScansFrom { source: &*source, reading },
+            earlier: earlier.as_ref(),
+            info: &info,
+            config,
+            max_scans: self.max_scans,
+            truth,
+            cell_size: self.grid.cell_size,
+            align: self.align,
+            smooth: true,
+            printed: Some(if self.json { Printed::Json } else { Printed::Table }),
+        };
+        let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
+        if mapped.counts.scans > 0 {
+            outputs.finish();
+        }
+        self.nothing_mapped(log, &mapped)?;
+        Ok((outputs.path(""), std::mem::take(&mut outputs.errors)))
+    }
 }
 
 /// What the progress bar says.
 fn progress_message(counts: &Counts, seconds: f64) -> String {
     format!(
-        "{:.0} scans/s, {:.0}x real time, ESS {:.0}, {} clusters",
-        counts.scans as f64 / seconds,
+        "{:.0}x real time, ESS {:.0}, {} clusters",
         counts.log_seconds() / seconds,
         counts.effective_last,
         counts.clusters,
@@ -135,6 +173,8 @@ pub enum Printed {
 /// A run about to start.
 pub struct Job<'a> {
     pub source: &'a dyn LogSource,
+    /// What it goes on with.
+    pub earlier: Option<&'a Earlier>,
     pub info: &'a RunInfo,
     /// That of the information.
     pub config: &'a SlamConfig,
@@ -143,9 +183,11 @@ pub struct Job<'a> {
     pub truth: &'a Truth<'a>,
     /// Side of a cell of the grid [m].
     pub cell_size: f64,
+    /// Whether the world is turned so that most walls are along its axes.
+    pub align: bool,
     /// Whether the result is smoothed.
     pub smooth: bool,
-    /// What is printed of the summary, if anything.
+    /// How the summary is printed, if it is.
     pub printed: Option<Printed>,
 }
 
@@ -163,6 +205,9 @@ impl Job<'_> {
             Some(evaluator) => Slam::with_evaluator(*config, evaluator),
             None => Slam::new(*config),
         };
+        if let Some(Earlier { map, beginning, .. }) = self.earlier {
+            slam = slam.continuing(&map.clusters, beginning.world_from_robot);
+        }
         let smoothing = self.smooth.then(|| config.smoother());
         let run = Run { max_scans: self.max_scans, smoothing, ..Run::of(self.source) };
         let mut mapped = run_with_bar(&run, &mut slam, observers, progress_message)?;
@@ -180,15 +225,25 @@ impl Job<'_> {
         let smoothed = std::mem::replace(&mut mapped.smoothing, Ok(()));
         outputs
             .note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
+        if let Some(Earlier { beginning, .. }) = self.earlier {
+            // Odometry alone tells of the way to where the robot came into the map.
+            let unknown = Confidence { weight: 0.0, explained: 0.0, is_located: false };
+            let before = mapped.result.poses.iter_mut().take(beginning.reading);
+            before.for_each(|estimate| estimate.confidence = Some(unknown));
+        }
+        if self.align {
+            mapped.result = mapped.result.turned(-mapped.result.map.main_direction());
+        }
         let trajectory_path = outputs.path("trajectory.tum");
         let trajectory = mapped.result.trajectory();
         outputs.write_poses(&mapped.result);
         outputs.write("config.toml", toml::to_string(config)?.as_bytes());
         let (report, truth) = self.truth.score(&trajectory_path, &trajectory, &mapped.truth);
         let began = Instant::now();
-        let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth, self.cell_size);
+        let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth, self.cell_size, self.earlier);
         let drawing_seconds = began.elapsed().as_secs_f64();
-        let summary = Summary { name, device, mapped, config, map_bytes, drawing_seconds, report: &report };
+        let earlier = self.earlier;
+        let summary = Summary { name, device, mapped, earlier, config, map_bytes, drawing_seconds, report: &report };
         let json = format!("{:#}", summary.json()?);
         outputs.write("summary.json", format!("{json}\n").as_bytes());
         // Whoever closed this pipe has read enough; the summary is in its file.
@@ -206,18 +261,19 @@ impl Job<'_> {
 
 impl RunArgs {
     /// Without a log, a simulated drive through the built-in building.
-    fn source(&self) -> anyhow::Result<Box<dyn LogSource>> {
-        Ok(self.log.source()?.unwrap_or_else(|| Box::new(Simulation::building(1))))
+    fn source(&self, log: Option<&Path>) -> anyhow::Result<Box<dyn LogSource>> {
+        let named = log.map(|log| self.log.source_of(log)).transpose()?;
+        Ok(named.unwrap_or_else(|| Box::new(Simulation::building(1))))
     }
 
     /// The error of a log without laser readings.
-    fn nothing_mapped(&self, mapped: &Outcome) -> anyhow::Result<()> {
+    fn nothing_mapped(&self, log: Option<&Path>, mapped: &Outcome) -> anyhow::Result<()> {
         match &mapped.end {
             _ if mapped.counts.scans > 0 => Ok(()),
             End::Interrupted => Ok(()),
             End::BrokeOff(error) => Err(anyhow!("{error}")),
             End::Log | End::MaxScans => {
-                let log = self.log.log.as_deref().unwrap_or(Path::new("the simulation")).display();
+                let log = log.unwrap_or(Path::new("the simulation")).display();
                 let malformed = mapped.stats.first_malformed.as_ref().map_or_else(String::new, |first| {
                     format!("; malformed lines: {}; the first one: {first}", mapped.stats.malformed)
                 });

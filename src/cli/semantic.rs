@@ -1,6 +1,7 @@
 //! `ipslam semantic`: a recording of detections in; trajectory, landmarks, weights and a summary out.
 
-use super::output::Outputs;
+use super::UsageError;
+use super::output::{OutArgs, Outputs};
 use super::progress::{Bar, PERMILLE};
 use super::recording::{check_target, record_mapping};
 use super::say::{print_line, say};
@@ -30,9 +31,8 @@ use std::time::Instant;
 pub struct SemanticArgs {
     /// Folder of the recording: sensors.toml, odometry.csv, detections.csv; or sensors.toml, imu.csv, tracks.csv
     recording: PathBuf,
-    /// Folder for the outputs, made where it is missing [default: ipslam-out/NAME OF THE RECORDING]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    #[command(flatten)]
+    out: OutArgs,
     /// How detections are given to landmarks
     #[arg(long, value_enum, default_value_t)]
     association: Association,
@@ -87,8 +87,10 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let folder = std::path::absolute(&args.recording).unwrap_or_else(|_| args.recording.clone());
     let name = folder.file_name().map_or_else(|| "recording".into(), |name| name.to_string_lossy().into_owned());
     if visual_inertial::is_recording(&args.recording) {
-        ensure!(args.record.is_none(), "--record: what a camera and an inertial sensor saw cannot be recorded yet");
-        let mut outputs = Outputs::for_log(args.out.as_deref(), &name)?;
+        let not_yet =
+            || UsageError("--record: what a camera and an inertial sensor saw cannot be recorded yet".to_owned());
+        ensure!(args.record.is_none(), not_yet());
+        let mut outputs = args.out.open(&name)?;
         visual_inertial::estimate(&args.recording, &name, &mut outputs)?;
         return Ok(std::mem::take(&mut outputs.errors));
     }
@@ -100,7 +102,7 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         say!("{warning}");
     }
     let recording = read.recording;
-    let mut outputs = Outputs::for_log(args.out.as_deref(), &name)?;
+    let mut outputs = args.out.open(&name)?;
     let ids = args.known_ids.as_deref().map(|path| truth::read_ids(path, &recording)).transpose()?;
     let task = Task { name: &name, recording: &recording, objects: ids.as_deref(), config };
     let (found, seconds) = task.map().with_context(|| args.recording.display().to_string())?;

@@ -1,5 +1,6 @@
 //! `ipslam simulate`: a log of a simulated drive, and where the robot really was.
 
+use super::UsageError;
 use super::interrupt;
 use super::say::print_line;
 use anyhow::{Context as _, ensure};
@@ -7,7 +8,7 @@ use clap::ValueEnum;
 use ipslam::io::carmen::CarmenWriter;
 use ipslam::io::{tum, write_whole};
 use ipslam::log::LogSource as _;
-use ipslam::simulate::{Laser, OdometryNoise, Simulation, SimulationConfig, building, random_offices};
+use ipslam::simulate::{Laser, OdometryNoise, Simulation, SimulationConfig, SimulationError, building, random_offices};
 use std::path::PathBuf;
 
 /// Longest log that is written [bytes].
@@ -19,6 +20,9 @@ pub struct SimulateArgs {
     /// Folder for NAME.log (CARMEN) and NAME.truth.tum (true poses), made where it is missing
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Replace files of these names in that folder
+    #[arg(long)]
+    force: bool,
     /// Where to drive
     #[arg(long, value_enum, default_value_t = WorldKind::Building)]
     world: WorldKind,
@@ -59,13 +63,19 @@ pub fn simulate(args: &SimulateArgs) -> anyhow::Result<()> {
     let size = log_size(&simulation);
     ensure!(
         size <= LARGEST_LOG,
-        "the log would take about {:.0} GiB, more than {}: choose a shorter --duration, fewer --beams or a smaller --size",
-        size as f64 / f64::from(1 << 30),
-        LARGEST_LOG >> 30
+        UsageError(format!(
+            "the log would take about {:.0} GiB, more than {}: choose a shorter --duration, fewer --beams or a smaller --size",
+            size as f64 / f64::from(1 << 30),
+            LARGEST_LOG >> 30
+        ))
     );
+    let [log, truth] = ["log", "truth.tum"].map(|ending| args.out.join(format!("{}.{ending}", simulation.name())));
+    for file in [&log, &truth] {
+        let is_free = args.force || !file.exists();
+        let remedy = "it is there already: name another folder, or replace it with --force";
+        ensure!(is_free, UsageError(format!("{}: {remedy}", file.display())));
+    }
     std::fs::create_dir_all(&args.out).with_context(|| format!("{}: cannot be made", args.out.display()))?;
-    let log = args.out.join(format!("{}.log", simulation.name()));
-    let truth = args.out.join(format!("{}.truth.tum", simulation.name()));
     let entries = simulation.open()?;
     interrupt::watch()?;
     let written = write_whole(&log, |file| {
@@ -95,13 +105,11 @@ pub fn simulate(args: &SimulateArgs) -> anyhow::Result<()> {
 fn simulation(args: &SimulateArgs) -> anyhow::Result<Simulation> {
     ensure!(
         (0.0..=50.0).contains(&args.odometry_noise),
-        "--odometry-noise is {}, but has to be 0 to 50",
-        args.odometry_noise
+        UsageError(format!("--odometry-noise is {}, but has to be 0 to 50", args.odometry_noise))
     );
     ensure!(
         args.field_of_view > 0.0 && args.field_of_view <= 360.0,
-        "--field-of-view is {}, but has to be above 0 and at most 360 degrees",
-        args.field_of_view
+        UsageError(format!("--field-of-view is {}, but has to be above 0 and at most 360 degrees", args.field_of_view))
     );
     let config = SimulationConfig {
         seed: args.seed,
@@ -114,17 +122,23 @@ fn simulation(args: &SimulateArgs) -> anyhow::Result<Simulation> {
         odometry: OdometryNoise::default().scaled(args.odometry_noise),
         duration: args.duration,
     };
+    // Whatever is wrong with a simulation was an option.
+    let wrong = |error: SimulationError| UsageError(error.to_string());
     let (name, plan) = match args.world {
         WorldKind::Building => {
-            ensure!(args.size.is_none(), "--size is for --world random; the building has its own size");
+            let of_random = || UsageError("--size is for --world random; the building has its own size".to_owned());
+            ensure!(args.size.is_none(), of_random());
             (format!("building-seed{}", args.seed), building())
         }
         WorldKind::Random => {
             let (width, height) = args.size.unwrap_or((60.0, 40.0));
-            (format!("random-{width}x{height}-seed{}", args.seed), random_offices(args.seed, width, height)?)
+            (
+                format!("random-{width}x{height}-seed{}", args.seed),
+                random_offices(args.seed, width, height).map_err(wrong)?,
+            )
         }
     };
-    Ok(Simulation::new(name, plan, config)?)
+    Ok(Simulation::new(name, plan, config).map_err(wrong)?)
 }
 
 /// About how many bytes the log will take: six a range, and a hundred or two a line for the rest.

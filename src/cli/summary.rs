@@ -1,7 +1,9 @@
 //! The summary of a run: `summary.json`, and the same as a short table.
 
+use super::continued::Earlier;
 use super::eval::Report;
 use ipslam::config::SlamConfig;
+use ipslam::geometry::Pose;
 use ipslam::pipeline::{End, Outcome};
 use ipslam::report::{Loop, RunResult, StageTimes};
 use serde_json::{Value, json};
@@ -17,6 +19,7 @@ pub struct Summary<'a> {
     pub name: &'a str,
     pub device: &'a str,
     pub mapped: &'a Outcome,
+    pub earlier: Option<&'a Earlier>,
     pub config: &'a SlamConfig,
     pub map_bytes: usize,
     pub drawing_seconds: f64,
@@ -161,6 +164,11 @@ impl Summary<'_> {
                 "duration_s": counts.log_seconds(),
                 "stats": mapped.stats,
             },
+            "continues": self.earlier.map(|Earlier { path, beginning, .. }| json!({
+                "map": path.display().to_string(),
+                "first_scan": beginning.reading,
+                "world_from_robot": beginning.world_from_robot,
+            })),
             "beams": {
                 "scans": counts.scans,
                 "scans_without_points": counts.empty_scans,
@@ -268,11 +276,17 @@ impl Summary<'_> {
                 ),
             ),
         ];
+        let continues = self.earlier.map(|Earlier { path, beginning, .. }| {
+            let Pose { x, y, heading } = beginning.world_from_robot;
+            let degrees = heading.to_degrees();
+            ("", format!("goes on with {}, from ({x:.2}, {y:.2}) m, {degrees:.0}° in it", path.display()))
+        });
         let memory = peak_memory().map(|bytes| ("memory", format!("{:.0} MB at most", bytes as f64 / 1e6)));
         let verdict = self.doubts().into_iter().map(|doubt| ("doubtful", doubt));
         let warnings = self.warnings().into_iter().map(|warning| ("warning", warning)).chain(verdict);
         let mut table = String::new();
-        for (label, text) in rows.into_iter().chain(memory).chain(warnings) {
+        let [log, others @ ..] = rows;
+        for (label, text) in [log].into_iter().chain(continues).chain(others).chain(memory).chain(warnings) {
             let _ = writeln!(table, "{label:<8} {text}");
         }
         if self.is_scored() {

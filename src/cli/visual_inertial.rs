@@ -83,12 +83,12 @@ fn draw(
         reference.retain(|pose| (first.stamp..=last.stamp).contains(&pose.stamp));
     }
     let mut picture = Picture::new(name).view(View::around([&path[..], &reference[..]], &[], None)).trajectory(
-        "trajectory, from above",
+        "path, from above",
         Line::ESTIMATE,
         &path,
     );
     if !reference.is_empty() {
-        picture = picture.trajectory("reference trajectory", Line::REFERENCE, &reference);
+        picture = picture.trajectory("true path", Line::REFERENCE, &reference);
     }
     let svg = picture.to_svg();
     outputs.write("map.svg", svg.as_bytes());

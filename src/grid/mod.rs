@@ -130,6 +130,35 @@ impl OccupancyGrid {
         if inside { self.cells[row as usize * self.width as usize + column as usize] } else { Cell::Unknown }
     }
 
+    /// This grid, and where it knows nothing what another one knows: as large as both together, in cells of this one.
+    ///
+    /// # Errors
+    /// It would have too many cells.
+    pub fn over(&self, other: &Self) -> Result<Self, GridError> {
+        let grid_from_other = self.world_from_grid.inverse() * other.world_from_grid;
+        let [width, height] = [other.width, other.height].map(|side| f64::from(side) * other.resolution);
+        let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
+        let corners = corners.map(|[x, y]| grid_from_other * Point2::new(x, y) / self.resolution);
+        // Rounded, as the corner of a grid that is made alike may lie an inch of a cell off.
+        let low = corners.iter().fold(Point2::origin(), |low, corner| low.inf(&corner.map(f64::round)));
+        let size = Point2::new(f64::from(self.width), f64::from(self.height));
+        let high = corners.iter().fold(size, |high, corner| high.sup(&corner.map(f64::round)));
+        let size = high - low;
+        if size.x * size.y > MOST_CELLS as f64 {
+            let [width, height] = [size.x, size.y].map(|side| side * self.resolution);
+            return Err(GridError::TooLarge { width, height, resolution: self.resolution });
+        }
+        let (columns, rows) = (low.x as i64..high.x as i64, low.y as i64..high.y as i64);
+        let cell = |column, row| match self.cell(column, row) {
+            Cell::Unknown => other.at(self.centre(column, row)),
+            known => known,
+        };
+        let cells = rows.flat_map(|row| columns.clone().map(move |column| (column, row)));
+        let corner = self.world_from_grid * Pose::new(low.x * self.resolution, low.y * self.resolution, 0.0);
+        let cells = cells.map(|(column, row)| cell(column, row)).collect();
+        Self::new(self.resolution, corner, size.x as u32, size.y as u32, cells)
+    }
+
     /// The cell at a point of the world.
     pub fn at(&self, point: Point2<f64>) -> Cell {
         let point = self.world_from_grid.inverse() * point / self.resolution;

@@ -13,7 +13,10 @@
 use super::{WriteError, write_whole};
 use crate::geometry::Pose;
 use crate::grid::{Cell, GridError, MOST_CELLS, OccupancyGrid};
-use image::{DynamicImage, GenericImageView as _, ImageDecoder, ImageFormat, ImageReader};
+use image::codecs::png::PngEncoder;
+use image::{
+    DynamicImage, ExtendedColorType, GenericImageView as _, ImageDecoder, ImageEncoder as _, ImageFormat, ImageReader,
+};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use std::fs::File;
@@ -140,7 +143,26 @@ enum Mode {
 /// # Errors
 /// A file cannot be opened or understood, or a value of it cannot be; the message names file and key.
 pub fn read(path: &Path) -> Result<ReadGrid, MapServerError> {
-    let (description, mut warnings) = Description::read(path)?;
+    let (description, warnings) = Description::read(path)?;
+    read_described(path, &description, warnings)
+}
+
+/// Reads a grid by its picture; the YAML file of the same name beside it tells what it means, whatever picture that names.
+///
+/// # Errors
+/// As for [`read`].
+pub fn read_picture(picture: &Path) -> Result<ReadGrid, MapServerError> {
+    let yaml = picture.with_extension("yaml");
+    let (description, warnings) = Description::read(&yaml)?;
+    let image = PathBuf::from(picture.file_name().unwrap_or_default());
+    read_described(&yaml, &Description { image, ..description }, warnings)
+}
+
+fn read_described(
+    path: &Path,
+    description: &Description,
+    mut warnings: Vec<String>,
+) -> Result<ReadGrid, MapServerError> {
     // A path that is absolute stays what it is.
     let mut picture = path.with_file_name(&description.image);
     if let (true, false, Some(name)) =
@@ -184,11 +206,26 @@ pub fn write(path: &Path, grid: &OccupancyGrid) -> Result<(), WriteError> {
     let (width, height) = (grid.width(), grid.height());
     write_whole(&picture, |file| {
         write!(file, "P5\n{width} {height}\n255\n")?;
-        for row in grid.cells().chunks(width as usize).rev() {
-            file.write_all(&row.iter().map(|&cell| shade(cell)).collect::<Vec<u8>>())?;
-        }
-        Ok(())
+        file.write_all(&shades(grid))
     })?;
+    write_description(path, &picture, grid)
+}
+
+/// Writes a grid: the picture `path` as PNG, and beside it the YAML file of the same name.
+///
+/// # Errors
+/// As for [`write`].
+pub fn write_png(path: &Path, grid: &OccupancyGrid) -> Result<(), WriteError> {
+    write_whole(path, |file| {
+        let encoder = PngEncoder::new(file);
+        encoder
+            .write_image(&shades(grid), grid.width(), grid.height(), ExtendedColorType::L8)
+            .map_err(std::io::Error::other)
+    })?;
+    write_description(&path.with_extension("yaml"), path, grid)
+}
+
+fn write_description(path: &Path, picture: &Path, grid: &OccupancyGrid) -> Result<(), WriteError> {
     let name = picture.file_name().unwrap_or_default().to_string_lossy();
     let Pose { x, y, heading } = grid.world_from_grid();
     let [occupied, free] = THRESHOLDS;
@@ -198,6 +235,11 @@ pub fn write(path: &Path, grid: &OccupancyGrid) -> Result<(), WriteError> {
         writeln!(file, "mode: trinary\nresolution: {:?}\norigin: [{x:?}, {y:?}, {heading:?}]", grid.resolution())?;
         writeln!(file, "negate: 0\noccupied_thresh: {occupied}\nfree_thresh: {free}")
     })
+}
+
+/// Pixels, from the upper row down.
+fn shades(grid: &OccupancyGrid) -> Vec<u8> {
+    grid.cells().chunks(grid.width() as usize).rev().flatten().map(|&cell| shade(cell)).collect()
 }
 
 fn shade(cell: Cell) -> u8 {

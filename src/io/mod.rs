@@ -1,4 +1,5 @@
-//! Files in and out: one file a format behind one small reader. [`open_log`] finds the reader for a log by its content.
+//! Files in and out: one file a format behind one small reader. [`open_log`] finds the reader for a log by its content,
+//! and [`open_stream`] that of one that comes through a pipe.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -15,12 +16,15 @@ mod open;
 pub mod poses;
 pub mod relations;
 pub mod semantic;
+mod stream;
 mod table;
 mod text;
+pub mod trajectory;
 pub mod tum;
 pub mod visual_inertial;
 
 pub use open::open_log;
+pub use stream::{Stream, open_stream};
 pub use text::{TextError, read_text};
 
 /// Why a file could not be written.

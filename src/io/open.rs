@@ -31,19 +31,21 @@ pub fn open_log(path: impl AsRef<Path>, topics: &Topics) -> Result<Box<dyn LogSo
     if mcap::is_bag(&begin) {
         return Ok(Box::new(McapLog::new(path, topics)?));
     }
-    let other = |reason: &str, expected| {
-        Err(LogError::NotThisFormat { path: path.to_owned(), reason: reason.to_owned(), expected })
+    refusal(path, &begin, topics).map_or_else(|| Ok(Box::new(CarmenLog::new(path)) as Box<dyn LogSource>), Err)
+}
+
+/// Why what begins so is no CARMEN log, where that shows.
+pub(super) fn refusal(path: &Path, begin: &[u8], topics: &Topics) -> Option<LogError> {
+    let (reason, expected) = if begin.starts_with(b"RRF") {
+        ("this is a recording", "`ipslam replay FILE` runs what it holds again")
+    } else if begin.starts_with(b"\x28\xb5\x2f\xfd") {
+        ("the whole file is packed by zstd", "unpack it first: `zstd -d FILE`")
+    } else if *topics != Topics::default() {
+        ("this is no bag", "only a bag has topics to choose from (--scan-topic, --odom-topic)")
+    } else {
+        return None;
     };
-    if begin.starts_with(b"RRF") {
-        return other("this is a recording", "`ipslam replay FILE` runs what it holds again");
-    }
-    if begin.starts_with(b"\x28\xb5\x2f\xfd") {
-        return other("the whole file is packed by zstd", "unpack it first: `zstd -d FILE`");
-    }
-    if *topics != Topics::default() {
-        return other("this is no bag", "only a bag has topics to choose from (--scan-topic, --odom-topic)");
-    }
-    Ok(Box::new(CarmenLog::new(path)))
+    Some(LogError::NotThisFormat { path: path.to_owned(), reason: reason.to_owned(), expected })
 }
 
 /// The files in the folder of a bag, MCAP or SQLite, in the order of their time: several where its `metadata.yaml` says so.

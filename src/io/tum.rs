@@ -90,7 +90,7 @@ pub fn write(path: &Path, trajectory: &[StampedPose]) -> Result<(), WriteError> 
 }
 
 /// The shortest text that reads back as the same number, with 6 decimals at least.
-fn stamp_text(stamp: f64) -> String {
+pub(super) fn stamp_text(stamp: f64) -> String {
     let shortest = stamp.to_string();
     match shortest.split_once('.') {
         Some((_, decimals)) if decimals.len() >= 6 => shortest,

@@ -40,8 +40,10 @@ use estimate::{best_known, is_plausible};
 use nalgebra::{Matrix3, Point2};
 use walls::Walls;
 
+pub use beginning::{Beginning, BeginningError, find_beginning};
 pub use config::LocalizationConfig;
 
+mod beginning;
 mod bins;
 mod clouds;
 mod config;
@@ -335,6 +337,7 @@ impl Estimator for Localization {
             refused_odometry: self.tracker.refused().to_vec(),
             odometry_errors: self.tracker.odometry_errors(),
             loops: Vec::new(),
+            earlier: Vec::new(),
         }
     }
 

@@ -59,6 +59,13 @@ pub struct Closer {
     pub ablation: AblationConfig,
 }
 
+impl Closer {
+    /// The same, but that no loop is searched for.
+    pub fn without_search(self) -> Self {
+        Self { loops: LoopConfig { search_distance: 0.0, ..self.loops }, ..self }
+    }
+}
+
 /// What a step of the filter leaves behind for loops.
 #[derive(Clone, Debug)]
 pub struct Keyframe {

@@ -5,6 +5,7 @@
 
 use crate::grid::FreeArea;
 use crate::ppca::Cluster;
+use nalgebra::Vector2;
 
 mod from_grid;
 pub mod matching;
@@ -19,6 +20,29 @@ pub struct LineMap {
     pub clusters: Vec<Cluster>,
     /// Where a robot can be, if that is known.
     pub free: Option<FreeArea>,
+}
+
+/// Walls of one building are at right angles to within this \[rad\].
+const SQUARE: f64 = 0.03;
+
+impl LineMap {
+    /// The direction that most metres of wall have, or are at right angles to, -π/4 to π/4 \[rad\]; 0 without walls. Angles count
+    /// four times, so that a right angle is a full turn.
+    pub fn main_direction(&self) -> f64 {
+        let fourfold = |cluster: &Cluster| 4.0 * cluster.direction.y.atan2(cluster.direction.x);
+        let agreeing = |angle: f64, other: &Cluster| {
+            other.length() * (((fourfold(other) - angle).cos() - 1.0) / (4.0 * SQUARE).powi(2)).exp()
+        };
+        let metres = |angle: f64| self.clusters.iter().map(|other| agreeing(angle, other)).sum::<f64>();
+        let angles = self.clusters.iter().map(fourfold);
+        let Some(best) = angles.max_by(|&a, &b| metres(a).total_cmp(&metres(b))) else { return 0.0 };
+        let vector = |other: &Cluster| {
+            let (sin, cos) = fourfold(other).sin_cos();
+            Vector2::new(cos, sin) * agreeing(best, other)
+        };
+        let sum: Vector2<f64> = self.clusters.iter().map(vector).sum();
+        sum.y.atan2(sum.x) / 4.0
+    }
 }
 
 /// A cluster of a map, and when it was seen.

@@ -4,10 +4,10 @@
 //! one at a time from a second reading of the log, so no scan is kept.
 
 use super::reproject::ClusterGrid;
-use super::{Line, PNG_SIDE, Picture, PictureError, PointRaster, View, svg_to_png};
+use super::{Line, PNG_SIDE, Picture, PictureError, PointRaster, Stroke, View, svg_to_png};
 use crate::geometry::{Pose, StampedPose};
 use crate::ppca::Cluster;
-use crate::report::RunResult;
+use crate::report::{Estimate, RunResult};
 use crate::scan::Scan;
 use rayon::prelude::*;
 
@@ -18,7 +18,10 @@ pub type Files = Vec<(&'static str, Vec<u8>)>;
 pub struct Figures<'a> {
     name: String,
     clusters: &'a [Cluster],
+    /// Where the robot was located, with a pose that is not finite where it was not.
     trajectory: Vec<StampedPose>,
+    /// The way between, told apart in the same way.
+    between: Vec<StampedPose>,
     reference: &'a [StampedPose],
     world_from_odom: Pose,
     odometry: Vec<StampedPose>,
@@ -36,13 +39,15 @@ impl<'a> Figures<'a> {
     /// true trajectory in the world's frame, shifted and rotated to it by the caller; empty where there is none.
     pub fn new(name: impl Into<String>, result: &'a RunResult, reference: &'a [StampedPose]) -> Self {
         let first = |poses: &[StampedPose]| poses.first().map_or(Pose::IDENTITY, |stamped| stamped.pose);
-        let (trajectory, odometry) = (result.trajectory(), result.odometry());
+        let odometry = result.odometry();
+        let [trajectory, between] = stretches(&result.poses);
         let world_from_odom = first(&trajectory) * first(&odometry).inverse();
         let moved = |stamped: &StampedPose| StampedPose { pose: world_from_odom * stamped.pose, ..*stamped };
         Self {
             name: name.into(),
             clusters: &result.map.clusters,
             trajectory,
+            between,
             reference,
             world_from_odom,
             odometry: odometry.iter().map(moved).collect(),
@@ -90,12 +95,16 @@ impl<'a> Figures<'a> {
         let path = &self.trajectory[..];
         let scans = format!("{} points of {} scans", thousands(self.registered.count()), thousands(self.scans));
         let (count, length) = (clusters.len(), path_length(path));
-        Picture::new(name)
-            .note(format!("{count} clusters, {scans}; path {length:.0} m"))
+        let picture = Picture::new(name)
+            .note(format!("{count} walls, {scans}; path {length:.0} m"))
             .view(View::around([path], self.clusters, Some(&self.registered)))
             .points("laser points", &self.registered)
             .clusters(self.clusters)
-            .trajectory("trajectory", Line::ESTIMATE, path)
+            .trajectory("path of the robot", Line::ESTIMATE, path);
+        if self.between.is_empty() {
+            return picture;
+        }
+        picture.trajectory("not located: odometry", Line::BETWEEN, &self.between)
     }
 
     /// Every picture with the name of its PNG, and of its SVG where that is written as well.
@@ -112,24 +121,26 @@ impl<'a> Figures<'a> {
             .points("laser points", &self.by_odometry)
             .trajectory("odometry", Line::ODOMETRY, &self.odometry);
         let other = if self.reference.is_empty() {
-            ("odometry", Line { dashed: true, ..Line::REFERENCE }, &self.odometry[..])
+            ("raw odometry", Line { stroke: Stroke::Dashed, ..Line::REFERENCE }, &self.odometry[..])
         } else {
-            ("reference trajectory", Line::REFERENCE, self.reference)
+            ("true path", Line::REFERENCE, self.reference)
         };
         let figure4a = Picture::new(format!("{name}: trajectory"))
             .note(format!("path {length:.0} m"))
-            .trajectory("corrected trajectory", Line::ESTIMATE, path)
+            .view(view)
+            .trajectory("path of the robot", Line::ESTIMATE, path)
             .trajectory(other.0, other.1, other.2);
         let figure4b = Picture::new(format!("{name}: map of clusters"))
             .note(format!("{clusters} clusters, {} numbers", thousands(5 * clusters as u64)))
             .view(view)
             .points("laser points", &self.registered)
-            .clusters(self.clusters);
+            .clusters(self.clusters)
+            .deviations();
         let figure4c = Picture::new(format!("{name}: registered laser points"))
             .note(&scans)
             .view(view)
             .points("laser points", &self.registered)
-            .trajectory("trajectory", Line::ESTIMATE, path);
+            .trajectory("path of the robot", Line::ESTIMATE, path);
         let shown = self.reprojected.count() as f64 / self.registered.count().max(1) as f64;
         let figure4d = Picture::new(format!("{name}: laser points projected on their clusters"))
             .note(format!("{:.1} % of {scans}; the others are far from every cluster", 100.0 * shown))
@@ -144,6 +155,39 @@ impl<'a> Figures<'a> {
             ("figure4d_reprojected.png", None, figure4d),
         ]
     }
+}
+
+/// The poses at which the robot was located, and the way between them: odometry, bent so that it leads from one to the next. A
+/// pose that is not finite parts stretches.
+fn stretches(poses: &[Estimate]) -> [Vec<StampedPose>; 2] {
+    const GAP: StampedPose = StampedPose { stamp: f64::NAN, pose: Pose { x: f64::NAN, y: f64::NAN, heading: 0.0 } };
+    let located: Vec<(usize, Pose)> =
+        (0..).zip(poses).filter_map(|(index, estimate)| Some((index, estimate.relied_on()?))).collect();
+    let (mut trajectory, mut between) = (Vec::new(), Vec::new());
+    let by_odometry = |(from, pose): (usize, Pose), to: usize| {
+        pose * poses[to].odom_from_robot.seen_from(poses[from].odom_from_robot)
+    };
+    let stamped = |index: usize, pose: Pose| StampedPose { stamp: poses[index].stamp, pose };
+    if let Some(&first) = located.first().filter(|first| first.0 > 0) {
+        between.extend((0..=first.0).map(|index| stamped(index, by_odometry(first, index))));
+        between.push(GAP);
+    }
+    for (number, &(index, pose)) in located.iter().enumerate() {
+        trajectory.push(stamped(index, pose));
+        let Some(&next) = located.get(number + 1).filter(|next| next.0 > index + 1) else { continue };
+        trajectory.push(GAP);
+        let off = next.1.position() - by_odometry((index, pose), next.0).position();
+        between.extend((index..=next.0).map(|reading| {
+            let Pose { x, y, heading } = by_odometry((index, pose), reading);
+            let share = (reading - index) as f64 / (next.0 - index) as f64;
+            stamped(reading, Pose { x: x + share * off.x, y: y + share * off.y, heading })
+        }));
+        between.push(GAP);
+    }
+    if let Some(&last) = located.last().filter(|last| last.0 + 1 < poses.len()) {
+        between.extend((last.0..poses.len()).map(|index| stamped(index, by_odometry(last, index))));
+    }
+    [trajectory, between]
 }
 
 /// The files of a picture.

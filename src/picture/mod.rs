@@ -35,17 +35,30 @@ pub(crate) const FARTHEST: f64 = 1e7;
 pub struct Line {
     /// Red, green and blue.
     pub colour: [u8; 3],
-    /// Dashes in place of a solid line.
-    pub dashed: bool,
+    /// How the colour is put down.
+    pub stroke: Stroke,
+}
+
+/// How a line is put down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stroke {
+    /// In one.
+    Solid,
+    /// For what is not the estimate.
+    Dashed,
+    /// For what lies between stretches that are known.
+    Dotted,
 }
 
 impl Line {
     /// What the filter found: black, as in Fig. 4a.
-    pub const ESTIMATE: Self = Self { colour: [20, 24, 31], dashed: false };
+    pub const ESTIMATE: Self = Self { colour: [20, 24, 31], stroke: Stroke::Solid };
     /// The true trajectory, or the best that is known of it: grey, as in Fig. 4a.
-    pub const REFERENCE: Self = Self { colour: [150, 156, 164], dashed: false };
+    pub const REFERENCE: Self = Self { colour: [150, 156, 164], stroke: Stroke::Solid };
     /// Raw odometry.
-    pub const ODOMETRY: Self = Self { colour: [214, 120, 40], dashed: true };
+    pub const ODOMETRY: Self = Self { colour: [214, 120, 40], stroke: Stroke::Dashed };
+    /// Where the robot was not located: odometry from one place where it was to the next.
+    pub const BETWEEN: Self = Self { stroke: Stroke::Dotted, ..Self::ESTIMATE };
 }
 
 /// A picture under construction; layers lie on each other as points, clusters, trajectories, objects.
@@ -56,6 +69,7 @@ pub struct Picture<'a> {
     view: Option<View>,
     points: Option<(String, &'a PointRaster)>,
     clusters: Option<&'a [Cluster]>,
+    deviations: bool,
     trajectories: Vec<(String, Line, &'a [StampedPose])>,
     objects: Option<objects::Objects<'a>>,
 }
@@ -84,9 +98,15 @@ impl<'a> Picture<'a> {
         self
     }
 
-    /// Clusters of the world's frame, each as the ellipse of one standard deviation and its long axis (Fig. 4b).
+    /// Clusters of the world's frame, each as the wall that it stands for, to its ends.
     pub fn clusters(mut self, clusters: &'a [Cluster]) -> Self {
         self.clusters = Some(clusters);
+        self
+    }
+
+    /// Every cluster also as the ellipse of one standard deviation, which is what the paper's Fig. 4b shows.
+    pub fn deviations(mut self) -> Self {
+        self.deviations = true;
         self
     }
 

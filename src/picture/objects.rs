@@ -221,9 +221,9 @@ pub fn object_map(
     let note = format!("{} objects from {} detections; path {length:.0} m", map.landmarks.len(), map.detections);
     let on_paths = path.iter().chain(reference).map(|stamped| stamped.pose.position());
     let view = View::of(on_paths.chain(objects.positions()));
-    let mut picture = Picture::new(name).note(note).view(view).trajectory("trajectory", Line::ESTIMATE, &path);
+    let mut picture = Picture::new(name).note(note).view(view).trajectory("path of the robot", Line::ESTIMATE, &path);
     if !reference.is_empty() {
-        picture = picture.trajectory("reference trajectory", Line::REFERENCE, reference);
+        picture = picture.trajectory("true path", Line::REFERENCE, reference);
     }
     picture.objects = Some(objects);
     drawn(("map.png", Some("map.svg"), picture))

@@ -1,29 +1,32 @@
 //! The SVG document of a picture.
 //!
 //! Page coordinates are pixels, x right, y down; the world's y points up, and the one place that turns it over is
-//! [`Page::place`]. From top to bottom: title, note, legend, map, scale bar. Groups carry ids (`grid`, `points`,
-//! `clusters`, `trajectory-0`, `scale-bar`), so that a reader can find and restyle them.
+//! [`Page::place`]. From top to bottom: title, note, legend, map with metres along its left and lower side, scale bar. Groups
+//! carry ids (`grid`, `points`, `clusters`, `trajectory-0`, `axes`, `scale-bar`), so that a reader can find and restyle them.
 
-use super::{Line, Picture, View, is_drawable};
+use super::{Line, Picture, Stroke, View, is_drawable};
 use crate::geometry::StampedPose;
 use crate::ppca::Cluster;
 use base64::Engine as _;
 use nalgebra::{Point2, Vector2};
 use std::fmt::Write as _;
 
-/// White around the map, in pixels.
+/// White to the right of the map, and to its left, where numbers stand, in pixels.
 const BORDER: f64 = 40.0;
+const AXIS: f64 = 74.0;
 /// Longest and shortest sides of the map, in pixels.
 const MOST: Vector2<f64> = Vector2::new(1520.0, 1400.0);
 const LEAST: Vector2<f64> = Vector2::new(1020.0, 300.0);
-/// Room below the map for the scale bar, in pixels.
-const FOOTER: f64 = 76.0;
+/// Room below the map for numbers and scale bar, in pixels.
+const FOOTER: f64 = 96.0;
 
+const AXIS_TEXT: f64 = 18.0;
 const TEXT: &str = "#1d2430";
 const FAINT_TEXT: &str = "#667080";
 const FRAME: &str = "#cfd5dc";
 const GRID: &str = "#eceff2";
 const CLUSTER: &str = "#c8312b";
+const DEVIATION: &str = "#3a0d0b";
 /// Points alone, and points as the ground for clusters.
 const POINTS: [u8; 3] = [32, 74, 122];
 const POINTS_BELOW: [u8; 3] = [125, 160, 196];
@@ -45,9 +48,9 @@ impl Page {
         let scale = MOST.component_div(&wanted.size()).min();
         let size = (wanted.size() * scale).sup(&LEAST);
         Self {
-            width: size.x + 2.0 * BORDER,
+            width: AXIS + size.x + BORDER,
             height: header + size.y + FOOTER,
-            corner: Point2::new(BORDER, header),
+            corner: Point2::new(AXIS, header),
             size,
             view: wanted.widened(size / scale),
             scale,
@@ -57,6 +60,19 @@ impl Page {
     /// A point of the world on the page.
     pub(super) fn place(&self, point: Point2<f64>) -> Point2<f64> {
         self.corner + Vector2::new(point.x - self.view.min.x, self.view.max.y - point.y) * self.scale
+    }
+
+    /// Multiples of the step that the map shows in x, or in y.
+    fn multiples(&self, axis: usize) -> impl Iterator<Item = f64> + use<> {
+        let step = self.scale_step();
+        let (from, to) = (self.view.min[axis] / step, self.view.max[axis] / step);
+        (from.ceil() as i64..=to.floor() as i64).map(move |i| i as f64 * step)
+    }
+
+    /// A multiple of the step, with as many digits as the step has.
+    fn number(&self, metres: f64) -> String {
+        let digits = (-self.scale_step().log10().floor()).max(0.0) as usize;
+        format!("{metres:.digits$}")
     }
 
     /// The longest of 1, 2, 5, 10, .. metres that is at most a fifth of the map's width.
@@ -106,7 +122,7 @@ pub(super) fn write(picture: &Picture<'_>) -> String {
     svg += "<g clip-path=\"url(#map)\">\n";
     svg += &grid(&page);
     svg += &points(picture, &page);
-    svg += &clusters(picture.clusters.unwrap_or_default(), &page);
+    svg += &clusters(picture, &page);
     // The first trajectory is the one the picture is about: it lies on top.
     for (i, (_, line, poses)) in picture.trajectories.iter().enumerate().rev() {
         svg += &trajectory(i, *line, poses, &page);
@@ -114,6 +130,7 @@ pub(super) fn write(picture: &Picture<'_>) -> String {
     svg += &picture.objects.as_ref().map_or_else(String::new, |objects| objects.draw(&page));
     svg += "</g>\n";
     svg += &format!("<rect {rectangle} fill=\"none\" stroke=\"{FRAME}\" stroke-width=\"1.5\"/>\n");
+    svg += &axes(&page);
     svg += &scale_bar(&page);
     svg += "</svg>\n";
     svg
@@ -121,18 +138,39 @@ pub(super) fn write(picture: &Picture<'_>) -> String {
 
 fn grid(page: &Page) -> String {
     let mut svg = format!("<g id=\"grid\" stroke=\"{GRID}\" stroke-width=\"1.2\">\n");
-    let step = page.scale_step();
-    let multiples = |from: f64, to: f64| ((from / step).ceil() as i64..=(to / step).floor() as i64).map(|i| i as f64);
-    for i in multiples(page.view.min.x, page.view.max.x) {
-        let x = page.place(Point2::new(i * step, 0.0)).x;
+    for x in page.multiples(0) {
+        let x = page.place(Point2::new(x, 0.0)).x;
         let (top, bottom) = (page.corner.y, page.corner.y + page.size.y);
         svg += &format!("<line x1=\"{x:.1}\" y1=\"{top:.1}\" x2=\"{x:.1}\" y2=\"{bottom:.1}\"/>\n");
     }
-    for i in multiples(page.view.min.y, page.view.max.y) {
-        let y = page.place(Point2::new(0.0, i * step)).y;
+    for y in page.multiples(1) {
+        let y = page.place(Point2::new(0.0, y)).y;
         let (left, right) = (page.corner.x, page.corner.x + page.size.x);
         svg += &format!("<line x1=\"{left:.1}\" y1=\"{y:.1}\" x2=\"{right:.1}\" y2=\"{y:.1}\"/>\n");
     }
+    svg + "</g>\n"
+}
+
+/// Metres at the lines of the grid, x below the map and y to its left.
+fn axes(page: &Page) -> String {
+    let (left, bottom) = (page.corner.x, page.corner.y + page.size.y);
+    let mut svg = "<g id=\"axes\" text-anchor=\"middle\">\n".to_owned();
+    for x in page.multiples(0) {
+        let place = page.place(Point2::new(x, 0.0)).x;
+        // A number at the edge would be cut.
+        if place < left + page.size.x - 60.0 {
+            svg += &text(place, bottom + 24.0, AXIS_TEXT, FAINT_TEXT, &page.number(x));
+        }
+    }
+    svg += &text(left + page.size.x - 24.0, bottom + 24.0, AXIS_TEXT, FAINT_TEXT, "x [m]");
+    svg += "</g>\n<g text-anchor=\"end\">\n";
+    for y in page.multiples(1) {
+        let place = page.place(Point2::new(0.0, y)).y;
+        if place > page.corner.y + 36.0 {
+            svg += &text(left - 8.0, place + 6.0, AXIS_TEXT, FAINT_TEXT, &page.number(y));
+        }
+    }
+    svg += &text(left - 8.0, page.corner.y + 16.0, AXIS_TEXT, FAINT_TEXT, "y [m]");
     svg + "</g>\n"
 }
 
@@ -164,10 +202,19 @@ pub(super) fn is_drawable_cluster(cluster: &Cluster) -> bool {
             .all(|&variance| (0.0..super::FARTHEST).contains(&variance))
 }
 
-fn clusters(clusters: &[Cluster], page: &Page) -> String {
+fn clusters(picture: &Picture<'_>, page: &Page) -> String {
+    let clusters = picture.clusters.unwrap_or_default();
     let drawable = || clusters.iter().filter(|cluster| is_drawable_cluster(cluster));
-    let mut svg = format!("<g id=\"clusters\" stroke=\"{CLUSTER}\" stroke-linecap=\"round\">\n");
-    svg += &format!("<g fill=\"{CLUSTER}\" fill-opacity=\"0.16\" stroke-width=\"0.8\" stroke-opacity=\"0.55\">\n");
+    let mut svg = format!("<g id=\"clusters\" stroke=\"{CLUSTER}\" stroke-linecap=\"round\" stroke-width=\"3\">\n");
+    for cluster in drawable() {
+        let [a, b] = cluster.endpoints().map(|end| page.place(end));
+        svg += &format!("<line x1=\"{:.2}\" y1=\"{:.2}\" x2=\"{:.2}\" y2=\"{:.2}\"/>\n", a.x, a.y, b.x, b.y);
+    }
+    svg += "</g>\n";
+    if !picture.deviations {
+        return svg;
+    }
+    svg += &format!("<g id=\"deviations\" stroke=\"{DEVIATION}\" stroke-width=\"1.2\" fill=\"none\">\n");
     for cluster in drawable() {
         let centre = page.place(cluster.mean);
         let (x, y) = (centre.x, centre.y);
@@ -178,13 +225,7 @@ fn clusters(clusters: &[Cluster], page: &Page) -> String {
              transform=\"rotate({degrees:.2} {x:.2} {y:.2})\"/>\n"
         );
     }
-    svg += "</g>\n<g stroke-width=\"3\">\n";
-    for cluster in drawable() {
-        let deviation = cluster.direction * cluster.along_variance.sqrt();
-        let (a, b) = (page.place(cluster.mean - deviation), page.place(cluster.mean + deviation));
-        svg += &format!("<line x1=\"{:.2}\" y1=\"{:.2}\" x2=\"{:.2}\" y2=\"{:.2}\"/>\n", a.x, a.y, b.x, b.y);
-    }
-    svg + "</g>\n</g>\n"
+    svg + "</g>\n"
 }
 
 fn trajectory(index: usize, line: Line, poses: &[StampedPose], page: &Page) -> String {
@@ -204,7 +245,8 @@ fn trajectory(index: usize, line: Line, poses: &[StampedPose], page: &Page) -> S
     let colour = hex(line.colour);
     let mut svg = format!("<g id=\"trajectory-{index}\" stroke=\"{colour}\" stroke-width=\"2.4\" fill=\"none\">\n");
     svg += &format!("<path d=\"{path}\" stroke-linejoin=\"round\"{}/>\n", dashes(line));
-    let mut ends = placed.iter().flatten();
+    // What lies between has its ends where the estimate has them.
+    let mut ends = placed.iter().flatten().filter(|_| line.stroke != Stroke::Dotted);
     if let Some(start) = ends.next() {
         svg += &format!(
             "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"7\" fill=\"#ffffff\" stroke-width=\"3\"/>\n",
@@ -245,7 +287,7 @@ fn distance_to_segment(point: Point2<f64>, a: Point2<f64>, b: Point2<f64>) -> f6
 
 fn scale_bar(page: &Page) -> String {
     let step = page.scale_step();
-    let (left, y) = (page.corner.x, page.corner.y + page.size.y + 38.0);
+    let (left, y) = (page.corner.x, page.corner.y + page.size.y + 60.0);
     let right = left + step * page.scale;
     let path = format!(
         "M{left:.2} {:.1}V{:.1}M{left:.2} {y:.1}H{right:.2}M{right:.2} {:.1}V{:.1}",
@@ -271,11 +313,14 @@ fn legend(picture: &Picture<'_>) -> Vec<LegendEntry> {
         .map(|(label, line, _)| LegendEntry { label: label.clone(), swatch: stroke(*line) })
         .collect();
     if picture.clusters.is_some() {
+        let wall = format!("<path d=\"M0 0H30\" stroke=\"{CLUSTER}\" stroke-width=\"3\" stroke-linecap=\"round\"/>");
+        entries.push(LegendEntry { label: "walls (clusters)".to_owned(), swatch: wall });
+    }
+    if picture.deviations {
         let ellipse = format!(
-            "<ellipse cx=\"15\" cy=\"0\" rx=\"15\" ry=\"5\" fill=\"{CLUSTER}\" fill-opacity=\"0.16\"/>\
-             <path d=\"M0 0H30\" stroke=\"{CLUSTER}\" stroke-width=\"3\" stroke-linecap=\"round\"/>"
+            "<ellipse cx=\"15\" cy=\"0\" rx=\"12\" ry=\"3\" stroke=\"{DEVIATION}\" stroke-width=\"1.2\" fill=\"none\"/>"
         );
-        entries.push(LegendEntry { label: "clusters, one standard deviation".to_owned(), swatch: ellipse });
+        entries.push(LegendEntry { label: "one standard deviation".to_owned(), swatch: ellipse });
     }
     if let Some((label, _)) = &picture.points {
         let colour = hex(points_colour(picture));
@@ -348,5 +393,9 @@ pub(super) fn hex([red, green, blue]: [u8; 3]) -> String {
 }
 
 fn dashes(line: Line) -> &'static str {
-    if line.dashed { " stroke-dasharray=\"9 6\"" } else { "" }
+    match line.stroke {
+        Stroke::Solid => "",
+        Stroke::Dashed => " stroke-dasharray=\"9 6\"",
+        Stroke::Dotted => " stroke-dasharray=\"0 7\" stroke-linecap=\"round\"",
+    }
 }

@@ -1,8 +1,8 @@
 //! The whole filter on the first minute of a simulated drive, against the true path.
 
 use ipslam::config::SlamConfig;
-use ipslam::geometry::{Pose, StampedPose};
-use ipslam::log::{LogEntry, LogError, LogReader, LogSource, LogStats, readings};
+use ipslam::geometry::{Pose, StampedPose, wrap_angle};
+use ipslam::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats, readings};
 use ipslam::metrics::trajectory::reference_errors;
 use ipslam::pipeline::Run;
 use ipslam::ppca::Cluster;
@@ -10,6 +10,7 @@ use ipslam::report::{Estimator as _, Event, RunResult};
 use ipslam::simulate::{Laser, Simulation, SimulationConfig, Wall, building};
 use ipslam::slam::Slam;
 use nalgebra::Point2;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 const SEED: u64 = 1;
 
@@ -71,6 +72,76 @@ fn a_minute_in_the_building_stays_close_to_the_truth() {
     assert!(after < 1.05 * before, "seed {SEED}: smoothing made {after} m of {before} m");
     assert!((1..=clusters).contains(&result.map.clusters.len()));
     assert_eq!(result.trajectory().len(), count);
+}
+
+/// A laser that looks all around, as two that look ahead and back.
+struct FrontAndRear(Simulation);
+
+impl LogSource for FrontAndRear {
+    fn name(&self) -> String {
+        self.0.name()
+    }
+
+    fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
+        Ok(Box::new(Halves { reader: self.0.open()?, rear: None }))
+    }
+}
+
+struct Halves {
+    reader: Box<dyn LogReader>,
+    rear: Option<LogEntry>,
+}
+
+impl Iterator for Halves {
+    type Item = Result<LogEntry, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if let Some(rear) = self.rear.take() {
+            return Some(Ok(rear));
+        }
+        let all = match self.reader.next()? {
+            Ok(LogEntry::Laser(all)) => all,
+            other => return Some(other),
+        };
+        let half = |ahead: bool| {
+            let robot_from_laser = Pose::new(0.0, 0.0, if ahead { 0.0 } else { PI });
+            let angle =
+                |beam: usize| wrap_angle(all.first_angle + beam as f64 * all.angle_step - robot_from_laser.heading);
+            let mut beams: Vec<(f64, f64)> = (0..).map(angle).zip(all.ranges.iter().copied()).collect();
+            beams.retain(|(angle, _)| angle.abs() < FRAC_PI_2);
+            beams.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let (first_angle, ranges) = (beams[0].0, beams.iter().map(|beam| beam.1).collect());
+            LogEntry::Laser(LaserReading { robot_from_laser, first_angle, ranges, ..all.clone() })
+        };
+        self.rear = Some(half(false));
+        Some(Ok(half(true)))
+    }
+}
+
+impl LogReader for Halves {
+    fn stats(&self) -> &LogStats {
+        self.reader.stats()
+    }
+
+    fn progress(&self) -> Option<(u64, u64)> {
+        None
+    }
+}
+
+/// Front and rear take turns, and their map is one.
+#[test]
+fn two_lasers_make_one_map() {
+    let laser = Laser { field_of_view: TAU, ..Laser::default() };
+    let config = SimulationConfig { seed: SEED, laser, duration: Some(40.0), ..SimulationConfig::default() };
+    let simulation = Simulation::new("building".to_owned(), building(), config).unwrap();
+    let truth = truth(&simulation);
+    let both = FrontAndRear(simulation);
+    let readings = both.open().unwrap().filter(|entry| matches!(entry, Ok(LogEntry::Laser(_)))).count();
+    assert_eq!(readings, 2 * truth.len());
+    let result = Run::of(&both).run(&mut Slam::new(few_maps()), &mut [], &mut |_| true).unwrap().result;
+    let error = absolute_error(&result.trajectory(), &truth);
+    let by_odometry = absolute_error(&result.odometry(), &truth);
+    assert!(error < 0.1 && by_odometry > 0.1, "{error} m, {by_odometry} m by odometry");
 }
 
 /// Ten seconds of odometry, at rest and then driving and turning, come before the first scan.

@@ -189,6 +189,28 @@ fn sketch(rows: &[&str], world_from_grid: Pose) -> OccupancyGrid {
     OccupancyGrid::new(0.25, world_from_grid, rows[0].len() as u32, rows.len() as u32, cells).unwrap()
 }
 
+/// What the upper one knows counts; elsewhere the lower one shows, wherever it lies.
+#[test]
+fn one_grid_lies_over_another() {
+    let lower = sketch(&["....", "#..#"], Pose::new(1.0, 0.0, 0.0));
+    let at = |grid: &OccupancyGrid, x: f64, y: f64| grid.at(Point2::new(x, y));
+    let apart = sketch(&[" #", ". "], Pose::IDENTITY).over(&lower).unwrap();
+    assert_eq!((apart.width(), apart.height(), apart.world_from_grid()), (8, 2, Pose::IDENTITY));
+    let cells = [(0.1, 0.1), (0.4, 0.4), (0.4, 0.1), (0.7, 0.1), (1.1, 0.1), (1.4, 0.1), (1.9, 0.1)];
+    use Cell::{Free, Occupied, Unknown};
+    assert_eq!(cells.map(|(x, y)| at(&apart, x, y)), [Free, Occupied, Unknown, Unknown, Occupied, Free, Occupied]);
+    let overlapping = sketch(&["##", " ."], Pose::new(1.0, 0.0, 0.0)).over(&lower).unwrap();
+    let cells = [(1.1, 0.4), (1.1, 0.1), (1.4, 0.1), (1.6, 0.4), (1.9, 0.1)];
+    assert_eq!(cells.map(|(x, y)| at(&overlapping, x, y)), [Occupied, Occupied, Free, Free, Occupied]);
+    // A quarter turn: its rows run up, from x = 0.5 to the left.
+    let turned = sketch(&["....", "#..#"], Pose::new(0.5, 0.0, std::f64::consts::FRAC_PI_2));
+    let both = sketch(&["  ", "  "], Pose::IDENTITY).over(&turned).unwrap();
+    assert_eq!((both.width(), both.height()), (2, 4));
+    assert_eq!([(0.4, 0.1), (0.4, 0.4), (0.1, 0.1)].map(|(x, y)| at(&both, x, y)), [Occupied, Free, Free]);
+    let far = sketch(&["."], Pose::new(1e6, 1e6, 0.0));
+    assert!(matches!(lower.over(&far), Err(GridError::TooLarge { .. })));
+}
+
 const TWO_ROOMS: [&str; 5] = ["....#....", "....#....", "..#.#....", "....#....", "   .#...."];
 
 #[test]

@@ -3,9 +3,9 @@
 use ipslam::detections::{Detection, Frame, Odometry, Recording, Sensors};
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::map::LineMap;
-use ipslam::picture::{Figures, Line, Picture, PointRaster, View, object_map, svg_to_png};
+use ipslam::picture::{Figures, Line, Picture, PointRaster, Stroke, View, object_map, svg_to_png};
 use ipslam::ppca::Cluster;
-use ipslam::report::{Estimate, RunResult};
+use ipslam::report::{Confidence, Estimate, RunResult};
 use ipslam::scan::Scan;
 use ipslam::semantic::{History, Landmark, Mapped, SemanticMap, Verdict, Weight};
 use ipslam::tracking::OdometryErrors;
@@ -13,8 +13,8 @@ use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 use resvg::tiny_skia::Pixmap;
 use resvg::usvg::roxmltree::{Document, Node};
 
-const RED: Line = Line { colour: [255, 0, 0], dashed: false };
-const BLUE: Line = Line { colour: [0, 0, 255], dashed: false };
+const RED: Line = Line { colour: [255, 0, 0], stroke: Stroke::Solid };
+const BLUE: Line = Line { colour: [0, 0, 255], stroke: Stroke::Solid };
 
 fn poses(positions: &[(f64, f64)]) -> Vec<StampedPose> {
     positions.iter().map(|&(x, y)| StampedPose { stamp: 0.0, pose: Pose::new(x, y, 0.0) }).collect()
@@ -132,9 +132,10 @@ fn points_are_where_the_wall_is_and_nowhere_else() {
     assert!(ink_heights(&Picture::new("").view(room()).to_svg()).is_empty());
 }
 
-/// A cluster is drawn as one standard deviation either side of its centre, at its angle.
+/// A wall of ones own standard deviation, one metre, is 2 √3 m long: to its ends, at its angle. The figure of the paper has an
+/// ellipse of one standard deviation besides.
 #[test]
-fn clusters_show_one_standard_deviation() {
+fn walls_are_drawn_to_their_ends() {
     for angle in [0.0f64, 0.5, 2.0, -1.2] {
         let map = [cluster(4.0, 3.0, angle)];
         let svg = Picture::new("").view(room()).clusters(&map).to_svg();
@@ -144,7 +145,13 @@ fn clusters_show_one_standard_deviation() {
         assert_eq!(lines.len(), 1);
         let number = |name| lines[0].attribute(name).unwrap().parse::<f64>().unwrap();
         let (dx, dy) = (number("x2") - number("x1"), number("y2") - number("y1"));
-        assert!((dx - 2.0 * scale * angle.cos()).abs() < 0.1 && (dy + 2.0 * scale * angle.sin()).abs() < 0.1);
+        assert!((dx - 12f64.sqrt() * scale * angle.cos()).abs() < 0.1);
+        assert!((dy + 12f64.sqrt() * scale * angle.sin()).abs() < 0.1);
+        assert!(!svg.contains("<ellipse"));
+        let svg_of_paper = Picture::new("").view(room()).clusters(&map).deviations().to_svg();
+        let document = Document::parse(&svg_of_paper).unwrap();
+        let ellipse = node(&document, "deviations").descendants().find(|n| n.has_tag_name("ellipse")).unwrap();
+        assert!((ellipse.attribute("rx").unwrap().parse::<f64>().unwrap() - scale).abs() < 0.1);
         // All of its ink lies within the line's width; the legend's does not count.
         let centre = ((number("x1") + number("x2")) / 2.0, (number("y1") + number("y2")) / 2.0);
         let ink = places(&pixels(&svg), |r, g, _| r > 180 && g < 80);
@@ -207,7 +214,7 @@ fn strange_input_makes_a_legal_picture() {
     }
     let svg = Picture::new("torn").view(room()).trajectory("torn", BLUE, &torn).clusters(&broken).to_svg();
     let document = Document::parse(&svg).unwrap();
-    assert_eq!(node(&document, "clusters").descendants().filter(|n| n.has_tag_name("ellipse")).count(), 1);
+    assert_eq!(node(&document, "clusters").descendants().filter(|n| n.has_tag_name("line")).count(), 1);
     let path = node(&document, "trajectory-0").descendants().find(|n| n.has_tag_name("path")).unwrap();
     assert_eq!(path.attribute("d").unwrap().matches('M').count(), 3, "gaps stay gaps");
     assert!(
@@ -272,14 +279,63 @@ fn run() -> (RunResult, Vec<(Scan, Pose, Pose)>) {
         confidence: None,
     };
     let poses = scans.iter().map(estimate).collect();
-    let result = RunResult {
-        map: LineMap { clusters, free: None },
-        poses,
-        refused_odometry: Vec::new(),
-        odometry_errors: OdometryErrors::default(),
-        loops: Vec::new(),
+    (
+        RunResult {
+            map: LineMap { clusters, free: None },
+            poses,
+            refused_odometry: Vec::new(),
+            odometry_errors: OdometryErrors::default(),
+            loops: Vec::new(),
+            earlier: Vec::new(),
+        },
+        scans,
+    )
+}
+
+/// Numbers stand at the metres that they tell.
+#[test]
+fn axes_tell_metres() {
+    let svg = Picture::new("").view(room()).to_svg();
+    let (scale, document) = (pixels_per_metre(&svg), Document::parse(&svg).unwrap());
+    let numbers: Vec<(f64, f64)> = node(&document, "axes")
+        .descendants()
+        .filter(|n| n.has_tag_name("text"))
+        .filter_map(|n| Some((n.text()?.parse().ok()?, n.attribute("x")?.parse().ok()?)))
+        .collect();
+    assert!(numbers.len() >= 4, "{numbers:?}");
+    for pair in numbers.windows(2) {
+        assert!((pair[1].1 - pair[0].1 - scale * (pair[1].0 - pair[0].0)).abs() < 0.2, "{numbers:?}");
+    }
+    assert!(numbers.iter().any(|number| number.0 == 0.0), "{numbers:?}");
+}
+
+/// A robot that is not located for a while: the path has a hole, and odometry leads from its one side to the other.
+#[test]
+fn what_is_not_located_is_dotted() {
+    let (mut result, scans) = run();
+    let hidden = |is_located| Some(Confidence { weight: 1.0, explained: 1.0, is_located });
+    for (index, estimate) in result.poses.iter_mut().enumerate() {
+        estimate.odom_from_robot = scans[index].2;
+        estimate.confidence = hidden(!(20..30).contains(&index));
+    }
+    let svg = |result: &RunResult| {
+        let files = Figures::new("corridor", result, &[]).map().unwrap();
+        String::from_utf8(files[0].1.clone()).unwrap()
     };
-    (result, scans)
+    let drawn = svg(&result);
+    let scale = pixels_per_metre(&drawn);
+    let document = Document::parse(&drawn).unwrap();
+    let path = |id: &str| {
+        let path = node(&document, id).descendants().find(|n| n.has_tag_name("path")).unwrap();
+        (path.attribute("d").unwrap().to_owned(), path.attribute("stroke-dasharray").is_some())
+    };
+    let ((solid, is_dashed), (dotted, is_dotted)) = (path("trajectory-0"), path("trajectory-1"));
+    assert!(!is_dashed && is_dotted && solid.matches('M').count() == 2 && dotted.matches('M').count() == 1);
+    // From 3.8 to 6 m.
+    let ends = numbers(&dotted);
+    assert!((ends[ends.len() - 2] - ends[0] - 2.2 * scale).abs() < 1.0, "{dotted}");
+    result.poses.iter_mut().for_each(|estimate| estimate.confidence = hidden(true));
+    assert!(!svg(&result).contains("trajectory-1"));
 }
 
 #[test]

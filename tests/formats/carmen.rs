@@ -5,6 +5,8 @@ use crate::needs::data;
 use flate2::{Compression, write::GzEncoder};
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::{CarmenLog, CarmenReader, CarmenWriter, implied_angles};
+use ipslam::io::mcap::Topics;
+use ipslam::io::{Stream, open_stream};
 use ipslam::log::{LaserReading, LogEntry, LogError, LogSource as _};
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -313,6 +315,29 @@ fn a_truncated_gzip_gives_its_whole_lines_then_an_error() {
     assert!(read(&packed).error.is_none());
 }
 
+/// Line by line, while the pipe is open; then once more from the first line.
+fn a_stream_is_read_as_it_comes() {
+    let line = |i: u32| format!("ODOM {i} 2 0 0 0 0 {i}.5 host 0\n");
+    let (pipe, mut writer) = std::io::pipe().unwrap();
+    let stream = Stream::new(pipe, || false).unwrap();
+    writer.write_all(line(0).as_bytes()).unwrap();
+    let log = open_stream(stream, &Topics::default(), None).unwrap();
+    let mut reader = log.open().unwrap();
+    let mut stamps = Vec::new();
+    for i in 0..5 {
+        match reader.next().unwrap().unwrap() {
+            LogEntry::Odometry { stamp, .. } => stamps.push(stamp),
+            other => panic!("{other:?}"),
+        }
+        // Only now there is a next one.
+        writer.write_all(line(i + 1).as_bytes()).unwrap();
+    }
+    assert_eq!(stamps, [0.5, 1.5, 2.5, 3.5, 4.5]);
+    drop(writer);
+    assert_eq!(drain(&mut *reader).entries.len(), 1);
+    assert_eq!(drain(&mut *log.open().unwrap()).entries.len(), 6);
+}
+
 fn files_of_another_kind_are_refused() {
     let jpeg = [&[0xff, 0xd8, 0xff, 0xe0, 0, 16][..], b"JFIF\0\n", &[0x80, 0x0a, 0x00, 0xff].repeat(300)].concat();
     let tum = "# timestamp tx ty tz qx qy qz qw\n".to_owned() + &"1.5 0 0 0 0 0 0 1\n".repeat(2000);
@@ -537,6 +562,6 @@ fn what_could_not_be_read_back_is_not_written() {
 
 crate::needs::trials! {
     "carmen":
-    Nothing { good_lines, malformed_lines_are_left_out_and_counted, bytes_that_are_no_text_do_not_stop_reading, only_the_first_malformed_line_is_kept, a_cut_line_is_no_whole_one, angles_follow_from_the_number_of_beams, parameters_mount_the_lasers, raw_sweeps_take_the_last_odometry_and_give_way_to_sweeps_with_poses, order_of_lines_is_kept_and_backward_stamps_are_counted, other_messages_are_counted_by_name_without_bound, gzip_is_told_by_content_and_may_have_members, a_truncated_gzip_gives_its_whole_lines_then_an_error, files_of_another_kind_are_refused, endless_lines_are_not_kept, what_cannot_be_opened_is_an_error, what_is_written_reads_back, a_perturbed_entry_is_not_the_same, the_shortest_message_that_says_all_is_written, what_could_not_be_read_back_is_not_written }
+    Nothing { good_lines, malformed_lines_are_left_out_and_counted, bytes_that_are_no_text_do_not_stop_reading, only_the_first_malformed_line_is_kept, a_cut_line_is_no_whole_one, angles_follow_from_the_number_of_beams, parameters_mount_the_lasers, raw_sweeps_take_the_last_odometry_and_give_way_to_sweeps_with_poses, order_of_lines_is_kept_and_backward_stamps_are_counted, other_messages_are_counted_by_name_without_bound, gzip_is_told_by_content_and_may_have_members, a_truncated_gzip_gives_its_whole_lines_then_an_error, a_stream_is_read_as_it_comes, files_of_another_kind_are_refused, endless_lines_are_not_kept, what_cannot_be_opened_is_an_error, what_is_written_reads_back, a_perturbed_entry_is_not_the_same, the_shortest_message_that_says_all_is_written, what_could_not_be_read_back_is_not_written }
     Data { real_logs }
 }

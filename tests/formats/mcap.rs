@@ -7,7 +7,7 @@ use ipslam::config::SlamConfig;
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::CarmenLog;
 use ipslam::io::mcap::{McapLog, Topics};
-use ipslam::io::open_log;
+use ipslam::io::{Stream, open_log, open_stream};
 use ipslam::log::{LaserReading, LogEntry, LogError, LogSource, LogStats};
 use ipslam::ppca::Cluster;
 use ipslam::report::Estimator as _;
@@ -17,9 +17,10 @@ use serde_json::{Value, json};
 use std::io::Write as _;
 use std::path::Path;
 use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
 use tempfile::TempDir;
 
-const TOPICS: Topics = Topics { scan: None, odometry: None };
+const TOPICS: Topics = Topics { scan: Vec::new(), odometry: None };
 
 /// Runs the writer of bags.
 fn write_bags(arguments: &[&str]) {
@@ -340,7 +341,10 @@ fn the_user_chooses_among_topics() {
     ]));
     let opened = |name: &str, scan: &str, odometry: &str| {
         let named = |topic: &str| (!topic.is_empty()).then(|| topic.to_owned());
-        McapLog::new(folder.path().join(name), &Topics { scan: named(scan), odometry: named(odometry) })
+        McapLog::new(
+            folder.path().join(name),
+            &Topics { scan: named(scan).into_iter().collect(), odometry: named(odometry) },
+        )
     };
     // Scans, and where odometry has the robot.
     for (name, scan, odometry, scans, x) in [
@@ -383,6 +387,38 @@ fn the_user_chooses_among_topics() {
             assert!(error.contains(part), "{error:?} does not say {part:?}");
         }
     }
+}
+
+/// Each has its mounting, and their scans come in the order of their stamps, in whatever order the bag has them.
+fn several_lasers_take_turns() {
+    let front = fixed(["base", "front"], [0.3, 0.0, 0.0], [0.0; 3]);
+    let rear = fixed(["base", "rear"], [-0.3, 0.1, 0.0], [0.0, 0.0, std::f64::consts::PI]);
+    let mut messages = vec![front, rear];
+    for tenths in (0..20).step_by(2) {
+        // The rear laser's message overtakes the one before it.
+        messages.extend([scan("/rear", tenths + 1, "rear"), scan("/front", tenths, "front")]);
+        messages.push(odometry("/odom", tenths + 1, f64::from(tenths + 1), 0.0));
+    }
+    let folder = bags(json!([{"name": "two.mcap", "messages": messages}]));
+    let path = folder.path().join("two.mcap");
+    let topics = Topics { scan: ["/front", "/rear"].map(str::to_owned).to_vec(), odometry: None };
+    let outcome = read(&McapLog::new(&path, &topics).unwrap());
+    assert!(outcome.stats.backward_stamps == 0 && outcome.stats.laser_without_mounting == 0, "{:?}", outcome.stats);
+    let scans = outcome.scans();
+    assert_eq!(scans.len(), 20);
+    for (tenths, scan) in (0..).zip(scans) {
+        let mounting =
+            if tenths % 2 == 0 { Pose::new(0.3, 0.0, 0.0) } else { Pose::new(-0.3, 0.1, std::f64::consts::PI) };
+        assert!(
+            scan.stamp == seconds(tenths) && same_pose(scan.robot_from_laser, mounting, 1e-12),
+            "{tenths}: {scan:?}"
+        );
+    }
+    let one = Topics { scan: vec!["/rear".to_owned()], odometry: None };
+    assert_eq!(read(&McapLog::new(&path, &one).unwrap()).scans().len(), 10);
+    let none = Topics { scan: ["/front", "/side"].map(str::to_owned).to_vec(), odometry: None };
+    let error = McapLog::new(&path, &none).unwrap_err().to_string();
+    assert!(error.contains("no message of type sensor_msgs/msg/LaserScan on /side"), "{error}");
 }
 
 fn malformed_messages_are_left_out_and_counted() {
@@ -527,6 +563,53 @@ fn a_bag_that_was_cut_off_is_read_as_far_as_it_goes() {
     }
 }
 
+/// What is there is handed out while the pipe is open, and all of it is there once more.
+fn a_stream_is_read_as_it_comes() {
+    static STOPPED: AtomicBool = AtomicBool::new(false);
+    let folder = bags(json!([drive("zstd.mcap", "zstd", true), drive("unchunked.mcap", "none", false)]));
+    for name in ["zstd.mcap", "unchunked.mcap"] {
+        let path = folder.path().join(name);
+        let (bytes, all) = (std::fs::read(&path).unwrap(), read(&McapLog::new(&path, &TOPICS).unwrap()));
+        let begin = 7 * bytes.len() / 10;
+        for is_stopped in [false, true] {
+            STOPPED.store(false, Ordering::Relaxed);
+            let (pipe, mut writer) = std::io::pipe().unwrap();
+            let stream = Stream::new(pipe, || STOPPED.load(Ordering::Relaxed)).unwrap();
+            writer.write_all(&bytes[..begin]).unwrap();
+            let log = open_stream(stream, &TOPICS, None).unwrap();
+            assert!(log.is_live() && log.name() == "stdin");
+            let mut reader = log.open().unwrap();
+            let mut entries: Vec<LogEntry> = reader.by_ref().take(110).map(|entry| entry.unwrap()).collect();
+            if is_stopped {
+                STOPPED.store(true, Ordering::Relaxed);
+            } else {
+                writer.write_all(&bytes[begin..]).unwrap();
+                drop(writer);
+            }
+            let rest = drain(&mut *reader);
+            assert!(rest.error.is_none(), "{name}: {:?}", rest.error);
+            entries.extend(rest.entries);
+            let expected = if is_stopped { entries.len() } else { 200 };
+            assert!((110..200).contains(&expected) == is_stopped, "{name}: {expected}");
+            // The end of what was read stands still.
+            assert!(entries[..expected - 2] == all.entries[..expected - 2], "{name}");
+            assert!(drain(&mut *log.open().unwrap()).entries == entries, "{name}");
+        }
+    }
+    // What has to be in a file is told.
+    for (bytes, expected) in [
+        (&b"#ROSBAG V2.0\n...."[..], "save it to a file first"),
+        (b"RRF2............", "replay"),
+        (b"", "the file is empty"),
+        (b"nothing that anyone knows", "no CARMEN message"),
+    ] {
+        let stream = Stream::new(bytes, || false).unwrap();
+        let log = open_stream(stream, &TOPICS, None);
+        let error = log.map_or_else(Some, |log| drain(&mut *log.open().unwrap()).error).unwrap().to_string();
+        assert!(error.contains("standard input") && error.contains(expected), "{error}");
+    }
+}
+
 fn a_damaged_chunk_is_left_out() {
     let folder = bags(json!([
         drive("none.mcap", "none", true),
@@ -645,7 +728,7 @@ proptest! {
 
 fn a_log_is_known_by_its_content() {
     let folder = tempfile::tempdir().unwrap();
-    let chosen = Topics { scan: Some("/scan".to_owned()), odometry: None };
+    let chosen = Topics { scan: vec!["/scan".to_owned()], odometry: None };
     let write = |name: &str, bytes: &[u8]| {
         let path = folder.path().join(name);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -754,6 +837,6 @@ fn the_program_maps_a_bag() {
 crate::needs::trials! {
     "mcap":
     DataAndPython { a_bag_tells_what_the_carmen_log_told, a_bag_gives_the_map_of_the_carmen_log, a_bag_in_several_files_is_read_as_its_metadata_tells, the_program_maps_a_bag }
-    Python { odometry_at_a_scan_lies_between_its_neighbours, where_the_laser_is_mounted, the_user_chooses_among_topics, malformed_messages_are_left_out_and_counted, a_bag_of_ros_1_tells_the_same, ranges_that_are_none_are_marked, a_bag_that_was_cut_off_is_read_as_far_as_it_goes, a_damaged_chunk_is_left_out, folders_of_bags, damaged_bags_of_all_kinds_are_survived }
+    Python { odometry_at_a_scan_lies_between_its_neighbours, where_the_laser_is_mounted, the_user_chooses_among_topics, several_lasers_take_turns, malformed_messages_are_left_out_and_counted, a_bag_of_ros_1_tells_the_same, ranges_that_are_none_are_marked, a_bag_that_was_cut_off_is_read_as_far_as_it_goes, a_stream_is_read_as_it_comes, a_damaged_chunk_is_left_out, folders_of_bags, damaged_bags_of_all_kinds_are_survived }
     Nothing { sizes_are_not_taken_at_their_word, the_seeds_are_bags, any_damage_is_survived, a_log_is_known_by_its_content }
 }

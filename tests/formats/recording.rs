@@ -184,6 +184,7 @@ fn result(steps: u32) -> RunResult {
         refused_odometry: Vec::new(),
         odometry_errors: OdometryErrors::default(),
         loops: Vec::new(),
+        earlier: Vec::new(),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use assert_cmd::cargo::cargo_bin;
 use ipslam::io::carmen::{CarmenLog, CarmenWriter};
-use ipslam::io::{map_json, tum};
+use ipslam::io::{map_json, map_server, tum};
 use ipslam::log::{LogEntry, LogSource as _};
 use ipslam::map::LineMap;
 use ipslam::metrics::trajectory::reference_errors;
@@ -149,6 +149,12 @@ fn edited(text: &str, mut edit: impl FnMut(usize, &str) -> Option<String>) -> St
     text.lines().enumerate().filter_map(|(index, line)| edit(index, line)).map(|line| line + "\n").collect()
 }
 
+/// The messages of a log that were stamped between two times.
+fn between(text: &str, from: f64, to: f64) -> String {
+    let stamp = |line: &str| line.rsplit(' ').nth(2).and_then(|word| word.parse::<f64>().ok());
+    edited(text, |_, line| stamp(line).is_none_or(|stamp| (from..to).contains(&stamp)).then(|| line.to_owned()))
+}
+
 fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut packed = Vec::new();
     flate2::bufread::GzEncoder::new(bytes, flate2::Compression::fast()).read_to_end(&mut packed).unwrap();
@@ -235,6 +241,29 @@ fn without_a_log_the_building_is_mapped_near_the_truth() {
     let told = place.summary("ipslam-out/building")["metrics"]["reference"]["ate"]["translation_m"]["rmse"].as_f64();
     assert!((told.unwrap() - rmse).abs() < 1e-3, "{told:?} is told, {rmse} is so");
     assert!(place.warnings("ipslam-out/building").contains("ended after 300 scans"));
+}
+
+/// The walls are along the axes, and the robot still begins at the origin.
+#[test]
+fn a_building_is_turned_square() {
+    let place = Place::new();
+    // The log begins where the robot looks askew.
+    let (simulation, text) = drive(20.0);
+    let is_askew = |heading: f64| (4.0 * heading).sin() > 0.8;
+    let start = simulation.truth().find(|truth| is_askew(truth.pose.heading)).unwrap().stamp;
+    place.write("drive.log", between(&text, start, 20.0));
+    for (words, folder) in [(&[][..], "plain"), (&["--align"], "square")] {
+        place.run(&[&["drive.log", "--out", folder], words].concat()).ended(0);
+    }
+    let [plain, square] = ["plain", "square"].map(|folder| {
+        let map = map_json::read_map(&place.path(folder).join("map.json")).unwrap();
+        (map.main_direction(), tum::read(&place.path(folder).join("trajectory.tum")).unwrap())
+    });
+    assert!(square.0.abs() < 1e-6 && plain.0.abs() > 0.1, "{} rad, {} rad before", square.0, plain.0);
+    for (a, b) in plain.1.iter().zip(&square.1) {
+        let off = (ipslam::geometry::Pose::new(0.0, 0.0, -plain.0) * a.pose).seen_from(b.pose);
+        assert!(off.x.hypot(off.y) < 1e-6 && off.heading.abs() < 1e-6, "{a:?} {b:?}");
+    }
 }
 
 #[test]
@@ -345,9 +374,43 @@ fn what_is_no_log_is_told() {
         (&["odometry.log", "--reference", "missing.tum"], &["missing.tum: cannot be opened"]),
         (&["odometry.log", "--relations", "photo.jpg"], &["photo.jpg", "8 columns"]),
     ];
+    std::fs::create_dir(place.path("mine")).unwrap();
     for (words, expected) in cases {
         place.run(words).failed(1, expected);
+        place.run(&[words, &["--out", "mine"]].concat()).failed(1, expected);
     }
+    assert!(!place.path("ipslam-out").exists(), "a log that is refused leaves a folder");
+    assert!(place.path("mine").read_dir().unwrap().next().is_none(), "a folder that was there before is changed");
+}
+
+/// A folder of its own for each run, or the user's word.
+#[test]
+fn a_finished_run_is_not_lost() {
+    let place = Place::new();
+    place.write("drive.log", drive(1.0).1);
+    let seeds = |folder: &str| place.summary(folder)["seed"].as_u64().unwrap();
+    for seed in ["1", "2", "3"] {
+        place.run(&["drive.log", "--seed", seed]).ended(0);
+    }
+    assert_eq!(["ipslam-out/drive", "ipslam-out/drive-2", "ipslam-out/drive-3"].map(seeds), [1, 2, 3]);
+    place.run(&["drive.log", "--seed", "4", "--force"]).ended(0);
+    assert_eq!(["ipslam-out/drive", "ipslam-out/drive-2"].map(seeds), [4, 2]);
+    place.run(&["drive.log", "--seed", "5", "--out", "ipslam-out/drive"]).failed(2, &["ipslam-out/drive", "--force"]);
+    let localize =
+        ["localize", "ipslam-out/drive/map.json", "drive.log", "--out", "ipslam-out/drive", "--max-particles", "100"];
+    place.ipslam(&localize).failed(2, &["holds a finished run", "--force"]);
+    assert_eq!(seeds("ipslam-out/drive"), 4);
+    place.run(&["drive.log", "--seed", "5", "--out", "ipslam-out/drive", "--force"]).ended(0);
+    assert_eq!(seeds("ipslam-out/drive"), 5);
+
+    let simulate = ["simulate", "--out", "sim", "--duration", "1", "--seed", "7"];
+    place.ipslam(&simulate).ended(0);
+    let before = std::fs::read(place.path("sim/building-seed7.log")).unwrap();
+    let other = [&simulate[..], &["--beams", "90"]].concat();
+    place.ipslam(&other).failed(2, &["sim/building-seed7.log", "--force"]);
+    assert!(std::fs::read(place.path("sim/building-seed7.log")).unwrap() == before);
+    place.ipslam(&[&other[..], &["--force"]].concat()).ended(0);
+    assert!(std::fs::read(place.path("sim/building-seed7.log")).unwrap() != before);
 }
 
 #[test]
@@ -492,6 +555,46 @@ fn a_place_for_outputs_is_tried_first() {
     }
 }
 
+/// Slowly through a pipe: the map is that of the file. A signal ends the log, and what came until then is mapped.
+#[cfg(unix)]
+#[test]
+fn a_log_is_mapped_as_it_comes() {
+    use std::io::Write as _;
+    use std::process::Stdio;
+    let place = Place::new();
+    let (_, text) = drive(6.0);
+    place.write("drive.log", &text);
+    place.run(&["drive.log", "--backend", "cpu"]).ended(0);
+    let piped = |out: &str| {
+        let words = [&["run", "-", "--backend", "cpu", "--out", out][..], &FEW[..]].concat();
+        let mut command = place.command(&words);
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    let mut child = piped("piped");
+    let mut pipe = child.stdin.take().unwrap();
+    for piece in text.as_bytes().chunks(text.len() / 10) {
+        pipe.write_all(piece).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    drop(pipe);
+    Done::new(child.wait_with_output().unwrap()).ended(0);
+    place.assert_outputs("piped");
+    let trajectory = |folder: &str| std::fs::read(place.path(folder).join("trajectory.tum")).unwrap();
+    assert!(trajectory("piped") == trajectory("ipslam-out/drive"));
+
+    let mut child = piped("stopped");
+    let mut pipe = child.stdin.take().unwrap();
+    pipe.write_all(&text.as_bytes()[..text.len() / 2]).unwrap();
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(kill.success());
+    Done::new(child.wait_with_output().unwrap()).ended(130);
+    drop(pipe);
+    place.assert_outputs("stopped");
+    let scans = place.summary("stopped")["beams"]["scans"].as_u64().unwrap();
+    assert!((1..=16).contains(&scans), "{scans} of 31 scans");
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupted_run_writes_what_it_has() {
@@ -537,7 +640,7 @@ fn the_commands_fit_together() {
     let scores: Value = serde_json::from_str(&done.out).unwrap();
     assert!(scores["reference"]["ate"]["translation_m"]["rmse"].as_f64().unwrap() < 0.3);
     place.ipslam(&["eval", "missing.tum", "--reference", "missing.tum"]).failed(1, &["missing.tum: cannot be opened"]);
-    place.ipslam(&["simulate", "--out", "sim", "--beams", "0"]).failed(1, &["beams"]);
+    place.ipslam(&["simulate", "--out", "sim", "--beams", "0"]).failed(2, &["beams"]);
 }
 
 #[test]
@@ -645,6 +748,13 @@ fn maps_are_converted_through_every_format() {
     step("out/map.yaml", "copy.yml");
     step("out/map.json", "walls.geojson");
     step("out/map.yaml", "walls.svg");
+    step("out/map.yaml", "picture.png");
+    step("picture.png", "back.yaml");
+    assert!(std::fs::read(place.path("picture.png")).unwrap().starts_with(b"\x89PNG"));
+    let [original, back] = ["out/map.yaml", "back.yaml"].map(|name| map_server::read(&place.path(name)).unwrap().grid);
+    assert_eq!(original, back);
+    std::fs::remove_file(place.path("picture.yaml")).unwrap();
+    place.ipslam(&["convert", "picture.png", "none.json"]).failed(1, &["picture.yaml: cannot be read"]);
     let read = |name: &str| std::fs::read(place.path(name)).unwrap();
     assert_eq!(read("copy.pgm"), read("out/map.pgm"));
     let walls: Value = serde_json::from_slice(&read("walls.geojson")).unwrap();
@@ -673,6 +783,34 @@ fn maps_are_converted_through_every_format() {
     assert!((area(&after) / area(&before) - 1.0).abs() < 0.2, "{} m², {} m²", area(&before), area(&after));
 }
 
+/// Around through every format, and back to the same poses.
+#[test]
+fn trajectories_are_converted_through_every_format() {
+    let place = Place::new();
+    let (simulation, _) = drive(3.0);
+    let truth: Vec<_> = simulation.truth().collect();
+    tum::write(&place.path("a.tum"), &truth).unwrap();
+    for [from, to] in [["a.tum", "b.kitti"], ["b.kitti", "c.csv"], ["c.csv", "d.euroc.csv"], ["d.euroc.csv", "e.tum"]] {
+        let done = place.ipslam(&["convert", from, to]);
+        assert_eq!((&*done.ended(0).out, &*done.err), ("", ""));
+    }
+    let back = tum::read(&place.path("e.tum")).unwrap();
+    assert!(truth.len() == back.len() && truth.len() > 10);
+    for (a, b) in truth.iter().zip(&back) {
+        let off = a.pose.seen_from(b.pose);
+        assert!(
+            (a.stamp - b.stamp).abs() < 1e-6 && off.x.hypot(off.y) < 1e-8 && off.heading.abs() < 1e-8,
+            "{a:?} {b:?}"
+        );
+    }
+    // Without its stamps a path is one all the same.
+    std::fs::remove_file(place.path("b.times.txt")).unwrap();
+    let done = place.ipslam(&["convert", "b.kitti", "f.tum"]);
+    assert!(done.ended(0).err.contains("b.times.txt is not there"), "{}", done.err);
+    assert_eq!(tum::read(&place.path("f.tum")).unwrap()[3].stamp, 3.0);
+    place.ipslam(&["convert", "a.tum", "map.json"]).failed(2, &["a.tum: a trajectory makes another one only"]);
+}
+
 #[test]
 fn what_cannot_be_converted_is_told_with_what_can() {
     let place = Place::new();
@@ -680,19 +818,38 @@ fn what_cannot_be_converted_is_told_with_what_can() {
     place.write("drive.clf", &text);
     place.write("broken.json", "{");
     place.write("map.yaml", "image: none.png\nresolution: 0.1\norigin: [0, 0, 0]\n");
-    for (words, expected) in [
-        (["drive.clf", "out.png"], &["out.png", "Formats, by the endings", ".geojson (walls)"][..]),
-        (["drive.clf", "out.json"], &["a log is made a map by `ipslam run drive.clf`"]),
-        (["out.geojson", "out.json"], &["out.geojson: this format is only written"]),
-        (["broken.json", "out.yaml"], &["broken.json: no map as ipslam writes it"]),
-        (["broken.json", "out.clf"], &["broken.json"]),
-        (["map.yaml", "out.json"], &["none.png: cannot be read"]),
-        (["none.clf", "out.clf"], &["none.clf: cannot be opened"]),
-        (["drive.clf", "none/out.clf"], &["its folder does not exist"]),
+    for (code, words, expected) in [
+        (2, ["drive.clf", "out.gif"], &["out.gif", "Formats, by the endings", ".geojson (walls)"][..]),
+        (2, ["drive.clf", "out.json"], &["a log is made a map by `ipslam run drive.clf`"]),
+        (2, ["out.geojson", "out.json"], &["out.geojson: this format is only written"]),
+        (1, ["broken.json", "out.yaml"], &["broken.json: no map as ipslam writes it"]),
+        (1, ["broken.json", "out.clf"], &["broken.json"]),
+        (1, ["map.yaml", "out.json"], &["none.png: cannot be read"]),
+        (1, ["none.clf", "out.clf"], &["none.clf: cannot be opened"]),
+        (1, ["drive.clf", "none/out.clf"], &["its folder does not exist"]),
     ] {
-        place.ipslam(&[&["convert"], &words[..]].concat()).failed(1, expected);
+        place.ipslam(&[&["convert"], &words[..]].concat()).failed(code, expected);
     }
     assert!(!place.path("out.json").exists() && !place.path("out.clf").exists());
+}
+
+/// A machine without a display is told of the browser, and a map is told from a recording.
+#[test]
+fn what_cannot_be_shown_is_told_with_what_can() {
+    let place = Place::new();
+    place.write("run.rrd", "RRF2");
+    if cfg!(target_os = "linux") {
+        let mut view = place.command(&["view", "run.rrd"]);
+        let done = Done::new(view.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").output().unwrap());
+        done.failed(2, &["ipslam view --web-viewer run.rrd"]);
+    }
+    if cfg!(feature = "record") {
+        place.ipslam(&["replay", "map.json"]).failed(2, &["map.json: this is a map", "ipslam localize map.json LOG"]);
+        place.ipslam(&["replay", "my.clf"]).failed(2, &["my.clf: this is a log", "ipslam run my.clf --record"]);
+    }
+    // Defaults stand as they are to be typed.
+    let help = place.ipslam(&["bench", "--help"]);
+    assert!(help.ended(0).out.contains("[default: 180,361,1080]"), "{}", help.out);
 }
 
 #[test]
@@ -782,6 +939,7 @@ fn the_robot_is_found_in_a_map_of_either_kind() {
             "cpu",
             "--out",
             "found",
+            "--force",
         ];
         let done = place.ipslam(&[&words[..], &["--max-particles", "20000", "--json"], more].concat());
         let found: Value = serde_json::from_str(&done.ended(0).out).unwrap();
@@ -799,6 +957,78 @@ fn the_robot_is_found_in_a_map_of_either_kind() {
         assert!(located > 0 && relied_on == located && not > 0, "{located} located; {relied_on} and {not} rows");
         assert!(std::fs::read(place.path("found/map.png")).unwrap().starts_with(b"\x89PNG"));
     }
+}
+
+/// A second drive begins in the middle of the first one and goes on where that did not: it is found there, and one map tells of
+/// both, in the frame of the first.
+#[test]
+fn a_drive_goes_on_with_the_map_of_another() {
+    let place = Place::new();
+    let drive = |seed: u64| {
+        let config = SimulationConfig { seed, duration: Some(90.0), ..SimulationConfig::default() };
+        let simulation = Simulation::new("drive".to_owned(), building(), config).unwrap();
+        let mut writer = CarmenWriter::new(Vec::new());
+        simulation.open().unwrap().for_each(|entry| writer.write(&entry.unwrap()).unwrap());
+        (simulation, String::from_utf8(writer.finish().unwrap()).unwrap())
+    };
+    let ((first_simulation, first), (simulation, second)) = (drive(3), drive(4));
+    place.write("first.clf", between(&first, 0.0, 50.0));
+    place.write("second.clf", between(&second, 25.0, 90.0));
+    place.write("short.clf", between(&second, 25.0, 26.0));
+    place.run(&["first.clf", "--backend", "cpu", "--out", "one"]).ended(0);
+    let done = place.run(&["second.clf", "--backend", "cpu", "--out", "two", "--continue", "one"]);
+    assert!(done.ended(0).out.contains("goes on with one/map.json"), "{}", done.out);
+    let first_scan = place.summary("two")["continues"]["first_scan"].as_u64().unwrap() as usize;
+    let poses = std::fs::read_to_string(place.path("two/poses.csv")).unwrap();
+    let not_relied_on = poses.lines().filter(|row| row.ends_with(",0")).count();
+    assert!(first_scan < 10 && not_relied_on == first_scan, "{first_scan} {not_relied_on}");
+
+    // Where the first drive has the building there the second one is, as closely.
+    let trajectory = |folder: &str| tum::read(&place.path(folder).join("trajectory.tum")).unwrap();
+    let [of_first, of_second] = [first_simulation, simulation].map(|simulation| simulation.truth().collect::<Vec<_>>());
+    let truth_from_one = reference_errors(&of_first, &trajectory("one")).reference_from_world;
+    let truth = ipslam::metrics::PoseLookup::new(&of_second);
+    let off = |found: &ipslam::geometry::StampedPose| {
+        let off = (truth_from_one * found.pose).seen_from(truth.at(found.stamp)?);
+        Some(off.x.hypot(off.y))
+    };
+    let off: Vec<f64> = trajectory("two").iter().filter_map(off).collect();
+    assert!(off.len() > 300, "{} poses", off.len());
+    let worst = off.iter().copied().fold(0.0, f64::max);
+    assert!(worst < 0.2, "{worst} m off in the frame of the first drive");
+
+    let [one, two] = ["one/map.json", "two/map.json"].map(|name| map_json::read_map(&place.path(name)).unwrap());
+    let is_in = |wall: &Cluster, map: &LineMap| {
+        map.clusters.iter().any(|other| {
+            let offset = wall.mean - other.mean;
+            offset.dot(&other.normal()).abs() < 0.15 && offset.dot(&other.direction).abs() < 0.5 * other.length() + 0.15
+        })
+    };
+    let share = |from: &LineMap, by: &LineMap| {
+        from.clusters.iter().filter(|wall| is_in(wall, by)).count() as f64 / from.clusters.len() as f64
+    };
+    assert!(share(&one, &two) > 0.95, "{} of the first map are left", share(&one, &two));
+    assert!(share(&two, &one) < 0.9, "{} of the map were known before", share(&two, &one));
+    // Where the first drive began, the second one never was.
+    let grid = |name: &str| map_server::read(&place.path(name)).unwrap().grid;
+    let start = nalgebra::Point2::new(0.3, 0.0);
+    let cells = ["one/map.yaml", "two/map.yaml"].map(|name| grid(name).at(start));
+    assert_eq!(cells, [ipslam::grid::Cell::Free; 2]);
+
+    // In one command, the second log in the folder of its own.
+    let done = place.run(&["first.clf", "second.clf", "--backend", "cpu", "--out", "both"]);
+    assert_eq!(done.ended(0).err.matches("outputs are in both/").count(), 2, "{}", done.err);
+    for [folder, file] in [["one", "first"], ["two", "second"]] {
+        let read = |path: PathBuf| std::fs::read(path.join("trajectory.tum")).unwrap();
+        assert!(read(place.path(folder)) == read(place.path(&format!("both/{file}"))), "{file}");
+    }
+
+    let continued = |words: &[&str]| place.run(&[words, &["--out", "three"]].concat());
+    continued(&["short.clf", "--continue", "one"]).failed(1, &["located nowhere"]);
+    continued(&["second.clf", "--continue", "none"]).failed(1, &["none"]);
+    continued(&["second.clf", "--continue", "one", "--record", "run.rrd"]).ended(2);
+    continued(&["second.clf", "--start", "0,0,0"]).ended(2);
+    assert!(!place.path("three").exists());
 }
 
 #[test]

@@ -91,6 +91,7 @@ fn an_ignored_signal_stays_ignored() {
                 "32",
                 "--backend",
                 "cpu",
+                "--force",
                 "--out",
                 signal,
             ])

@@ -138,7 +138,7 @@ fn a_replay_is_the_run_to_the_last_bit() {
     assert_eq!((&compared["recorded"]["seed"], &compared["replayed"]["seed"]), (&1.into(), &9.into()));
     assert!(compared["first_step_that_differs"].is_u64(), "{compared}");
     assert!(compared["trajectories_apart_m"]["max"].as_f64().unwrap() > 0.0, "{compared}");
-    let both = folder.path().join("ipslam-out/run-replayed/replay.rrd");
+    let both = folder.path().join("ipslam-out/run-replayed-2/replay.rrd");
     assert!(both.is_file());
     // What lies side by side is no run of its own.
     assert!(matches!(RecordedRun::open(&both), Err(ReadError::NotARecording { .. })));

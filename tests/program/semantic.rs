@@ -129,7 +129,7 @@ fn a_replay_is_the_mapping_to_the_last_bit() {
     assert_eq!(compared["replayed"]["settings"]["sweeps"], 3);
     assert_eq!(compared["first_step_that_differs"], 95, "the forward pass is the same: {compared}");
     assert!(compared["trajectories_apart_m"]["max"].as_f64().unwrap() < 0.05, "{compared}");
-    assert!(folder.path().join("ipslam-out/circle-replayed/replay.rrd").is_file());
+    assert!(folder.path().join("ipslam-out/circle-replayed-2/replay.rrd").is_file());
 
     let done = ipslam(folder.path(), &["replay", "circle.rrd", "--seed", "3"]);
     assert!(!done.status.success() && text(&done.stderr).contains("--config"), "{}", text(&done.stderr));

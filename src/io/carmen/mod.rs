@@ -90,8 +90,7 @@ impl LogSource for CarmenLog {
         if metadata.is_dir() {
             return Err(failed(std::io::Error::new(ErrorKind::IsADirectory, "a folder; name a log file inside it")));
         }
-        let mut reader = CarmenReader::from_reader(&self.path, file)?;
-        reader.field_of_view = self.field_of_view;
+        let mut reader = CarmenReader::from_reader(&self.path, file)?.with_field_of_view(self.field_of_view);
         reader.length = metadata.is_file().then_some(metadata.len());
         Ok(Box::new(reader))
     }
@@ -161,6 +160,11 @@ impl CarmenReader {
             last_stamp: f64::NEG_INFINITY,
             stats: LogStats::default(),
         })
+    }
+
+    /// As for [`CarmenLog::with_field_of_view`], where there is one.
+    pub(super) fn with_field_of_view(self, field_of_view: Option<f64>) -> Self {
+        Self { field_of_view, ..self }
     }
 
     /// The next entry; `None` at the end of the log.

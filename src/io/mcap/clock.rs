@@ -20,6 +20,11 @@ impl Clock {
         self.delay = Some(self.delay.map_or(delay, |least| least.min(delay)));
     }
 
+    /// How long the topic was told, by whichever of its times tells of more \[ns\].
+    pub(super) fn span(&self) -> i64 {
+        [self.stamps, self.received].into_iter().flatten().map(Span::length).max().unwrap_or(0)
+    }
+
     /// Whether the stamps ever change.
     fn runs(&self) -> bool {
         self.stamps.is_some_and(|stamps| stamps.length() > 0)

@@ -43,6 +43,7 @@
 //! # Ranges
 //! Ranges below `range_min` become NaN; `range_max` is the maximum range.
 
+use super::stream::{self, Stream};
 use crate::geometry::Pose;
 use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use decode::decode;
@@ -53,7 +54,7 @@ use records::{Channel, Next};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
-use storage::Storage;
+use storage::{Origin, Storage};
 use survey::survey;
 use transforms::is_static;
 
@@ -72,7 +73,7 @@ mod survey;
 mod topics;
 mod transforms;
 
-use records::MAGIC;
+pub(super) use records::MAGIC;
 pub(super) use storage::is_bag;
 
 /// Scans that wait for odometry, and odometry that waits for scans, at most: the one comes without the other.
@@ -88,8 +89,8 @@ const ODOMETRY_REACH: i64 = 1_000_000_000;
 /// Which topics of a bag to read; without a name the only one of its type.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Topics {
-    /// Topic of the laser scans.
-    pub scan: Option<String>,
+    /// Topics of the laser scans: of several lasers of one robot, which take turns.
+    pub scan: Vec<String>,
     /// Topic of the odometry: of odometry messages or of transforms.
     pub odometry: Option<String>,
 }
@@ -98,7 +99,7 @@ pub struct Topics {
 #[derive(Clone, Debug)]
 pub struct McapLog {
     path: PathBuf,
-    files: Vec<PathBuf>,
+    origin: Origin,
     plan: Arc<Plan>,
 }
 
@@ -118,16 +119,28 @@ impl McapLog {
     /// # Errors
     /// As for [`Self::new`].
     pub fn of_files(path: PathBuf, files: Vec<PathBuf>, topics: &Topics) -> Result<Self, LogError> {
-        let found = survey(&path, files.clone())?;
+        Self::of(path, Origin::Files(files), topics)
+    }
+
+    /// The log in MCAP that comes through a stream: its topics and transforms are those of its first seconds.
+    pub(super) fn of_stream(path: PathBuf, stream: Stream, topics: &Topics) -> Result<Self, LogError> {
+        Self::of(path, Origin::Stream(stream), topics)
+    }
+
+    fn of(path: PathBuf, origin: Origin, topics: &Topics) -> Result<Self, LogError> {
+        let found = survey(&path, &origin)?;
         let plan = plan(&found, topics).map_err(|reason| LogError::Bag { path: path.clone(), reason })?;
         let plan = Arc::new(plan);
-        Ok(Self { path, files, plan })
+        Ok(Self { path, origin, plan })
     }
 }
 
 impl LogSource for McapLog {
     fn name(&self) -> String {
-        self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+        match self.origin {
+            Origin::Files(_) => self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            Origin::Stream(_) => stream::name(),
+        }
     }
 
     fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
@@ -135,7 +148,7 @@ impl LogSource for McapLog {
         Ok(Box::new(McapReader {
             path: self.path.clone(),
             plan: Arc::clone(&self.plan),
-            records: Storage::open(self.files.clone()).map_err(open_error)?,
+            records: Storage::open(&self.origin).map_err(open_error)?,
             odometry: VecDeque::new(),
             scans: VecDeque::new(),
             last_odometry: None,
@@ -148,6 +161,10 @@ impl LogSource for McapLog {
                 ..LogStats::default()
             },
         }))
+    }
+
+    fn is_live(&self) -> bool {
+        matches!(self.origin, Origin::Stream(_))
     }
 }
 
@@ -205,7 +222,7 @@ impl McapReader {
                 Ok(Next::End) => self.drained = true,
                 Err(source) => {
                     self.drained = true;
-                    self.broke_off = Some(source);
+                    self.broke_off = (!self.records.was_stopped()).then_some(source);
                 }
             }
         }
@@ -232,13 +249,16 @@ impl McapReader {
                     }
                 }
             }
-            _ if channel.topic == plan.scan_topic && channel.schema == LASER_SCAN => {
+            _ if plan.scan_topics.contains(&channel.topic) && channel.schema == LASER_SCAN => {
                 let message: LaserScan = decode(channel, data)?;
                 let stamp = stamp_of(&message.header)?;
                 let mounting = plan.mountings.get(message.header.frame()).copied().flatten();
                 let reading = reading(stamp, &message, mounting)?;
                 self.stats.laser_without_mounting += u64::from(mounting.is_none());
-                self.scans.push_back((stamp, duration(&message), reading));
+                // Several lasers are received in any order; what one tells stays in its own.
+                let is_before = |waiting: &(i64, i64, LaserReading)| plan.scan_topics.len() == 1 || waiting.0 <= stamp;
+                let place = self.scans.iter().rposition(is_before).map_or(0, |before| before + 1);
+                self.scans.insert(place, (stamp, duration(&message), reading));
             }
             _ if channel.schema == TRANSFORMS && is_static(&channel.topic) => {}
             _ => self.stats.add_skipped(&channel.topic),
@@ -317,7 +337,7 @@ impl LogReader for McapReader {
     }
 
     fn progress(&self) -> Option<(u64, u64)> {
-        Some(self.records.progress())
+        self.records.progress()
     }
 }
 

@@ -11,7 +11,8 @@ use std::collections::BTreeMap;
 /// Where the entries of a log are to be found in a bag.
 #[derive(Debug)]
 pub(super) struct Plan {
-    pub(super) scan_topic: String,
+    /// One of each laser.
+    pub(super) scan_topics: Vec<String>,
     pub(super) odometry: OdometrySource,
     /// Of each frame that scans come from; `None` if it is not in the bag.
     pub(super) mountings: BTreeMap<String, Option<Mounting>>,
@@ -41,15 +42,15 @@ impl OdometrySource {
 
 /// Chooses among the topics of a bag; `Err` holds why they cannot be chosen.
 pub(super) fn plan(seen: &Survey, wanted: &Topics) -> Result<Plan, String> {
-    let scan_topic = scan_topic(&seen.topics, wanted.scan.as_deref())?;
+    let scan_topics = scan_topics(&seen.topics, &wanted.scan)?;
     let fixed = seen.transforms.fixed();
-    let scans = seen.topics.get(scan_topic);
-    let laser = scans.map_or("", Topic::frame);
+    let scans = || scan_topics.iter().filter_map(|topic| seen.topics.get(topic));
+    let laser = scans().next().map_or("", Topic::frame);
     let odometry = odometry(seen, wanted.odometry.as_deref(), laser, &fixed)?;
     if let OdometrySource::Messages { topic } = &odometry
-        && (wanted.scan.is_none() || wanted.odometry.is_none())
+        && (wanted.scan.is_empty() || wanted.odometry.is_none())
     {
-        of_one_robot(&seen.topics, scan_topic, topic)?;
+        scan_topics.iter().try_for_each(|scan_topic| of_one_robot(&seen.topics, scan_topic, topic))?;
     }
     let odometry_topic = odometry.topic().and_then(|topic| seen.topics.get(topic));
     // Odometry that does not name its robot is of the one that carries the laser.
@@ -60,22 +61,22 @@ pub(super) fn plan(seen: &Survey, wanted: &Topics) -> Result<Plan, String> {
         OdometrySource::Nowhere => None,
     };
     let mut mountings = BTreeMap::new();
-    for laser in scans.map(|topic| &topic.frames).into_iter().flatten() {
+    for laser in scans().flat_map(|topic| &topic.frames) {
         mountings.insert(laser.clone(), fixed.mounting(robot.unwrap_or(root), laser)?);
     }
     let clocks_differ =
-        scans.zip(odometry_topic).and_then(|(scans, odometry)| scans.clock.differs_from(&odometry.clock));
-    Ok(Plan { scan_topic: scan_topic.to_owned(), odometry, mountings, clocks_differ })
+        odometry_topic.and_then(|odometry| scans().find_map(|scans| scans.clock.differs_from(&odometry.clock)));
+    Ok(Plan { scan_topics, odometry, mountings, clocks_differ })
 }
 
-fn scan_topic<'a>(topics: &'a SeenTopics, named: Option<&str>) -> Result<&'a str, String> {
+fn scan_topics(topics: &SeenTopics, named: &[String]) -> Result<Vec<String>, String> {
     const OPTION: &str = "--scan-topic";
-    match named {
-        Some(named) => topics.named(named, &[LASER_SCAN], OPTION),
-        None => topics
-            .only(LASER_SCAN, "scans of several lasers", OPTION)?
-            .ok_or_else(|| format!("no message of type {LASER_SCAN} in this bag; {}", topics.all())),
+    if !named.is_empty() {
+        return named.iter().map(|named| topics.named(named, &[LASER_SCAN], OPTION).map(str::to_owned)).collect();
     }
+    let only = topics.only(LASER_SCAN, "scans of several lasers", OPTION)?;
+    let only = only.ok_or_else(|| format!("no message of type {LASER_SCAN} in this bag; {}", topics.all()))?;
+    Ok(vec![only.to_owned()])
 }
 
 fn odometry(seen: &Survey, named: Option<&str>, laser: &str, fixed: &Frames) -> Result<OdometrySource, String> {

@@ -4,6 +4,7 @@
 //! of the data section; the summary behind it repeats what was read. No size in a file is trusted:
 //! memory grows with the bytes that are really there, up to a limit.
 
+use super::super::stream::{Stream, StreamReader};
 use super::messages::ros2_name;
 use crc32fast::hash as crc32;
 use std::collections::BTreeMap;
@@ -54,18 +55,34 @@ pub(super) enum Next {
     End,
 }
 
+/// What is read.
+#[derive(Debug)]
+enum Bytes {
+    File(File),
+    Stream(StreamReader),
+}
+
+impl Read for Bytes {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::File(file) => file.read(buffer),
+            Self::Stream(stream) => stream.read(buffer),
+        }
+    }
+}
+
 /// A bag that is being read: one MCAP file after the other.
 #[derive(Debug)]
 pub(super) struct Records {
-    file: BufReader<File>,
+    file: BufReader<Bytes>,
     /// The files that come after it.
     rest: std::vec::IntoIter<PathBuf>,
-    /// Bytes of the file before the record that comes next, and of the whole file.
+    /// Bytes of the file before the record that comes next, and of the whole file; of a stream nobody knows.
     consumed: u64,
     length: u64,
     /// Bytes of the files before it, and of all files.
     before: u64,
-    pub(super) all: u64,
+    pub(super) all: Option<u64>,
     schemas: BTreeMap<u16, String>,
     channels: BTreeMap<u16, Arc<Channel>>,
     chunk: Chunk,
@@ -83,22 +100,38 @@ impl Records {
         let mut rest = files.into_iter();
         let first = rest.next().ok_or_else(|| io::Error::new(ErrorKind::NotFound, "the bag has no file"))?;
         let (file, length) = open(&first).map_err(|error| tell(&first, error))?;
-        Ok(Self {
+        Ok(Self { rest, all: Some(all), ..Self::behind_magic(file, length) })
+    }
+
+    /// Opens a stream that begins with [`MAGIC`].
+    pub(super) fn of_stream(stream: &Stream) -> io::Result<Self> {
+        let file = behind_magic(Bytes::Stream(stream.reader()?))?;
+        Ok(Self::behind_magic(file, u64::MAX))
+    }
+
+    fn behind_magic(file: BufReader<Bytes>, length: u64) -> Self {
+        Self {
             file,
-            rest,
+            rest: Vec::new().into_iter(),
             consumed: MAGIC.len() as u64,
             length,
             before: 0,
-            all,
+            all: None,
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
             chunk: Chunk::default(),
-        })
+        }
+    }
+
+    /// Whether this is a stream that ended because its reader wanted no more.
+    pub(super) fn was_stopped(&self) -> bool {
+        matches!(self.file.get_ref(), Bytes::Stream(stream) if stream.was_stopped())
     }
 
     /// Bytes of the bag that were read.
     pub(super) fn consumed(&self) -> u64 {
-        (self.before + self.consumed.min(self.length)).min(self.all)
+        let consumed = self.before + self.consumed.min(self.length);
+        self.all.map_or(consumed, |all| consumed.min(all))
     }
 
     /// Goes on to the next file, which declares its topics anew; false where there is none.
@@ -152,13 +185,15 @@ impl Records {
         if opcode == DATA_END {
             return Ok(if self.open_next()? { None } else { Some(Next::End) });
         }
-        // Past its end a file can be sought to but not read.
         if opcode == 0 || self.consumed > self.length {
             return Err(cut_off());
         }
         let wanted = matches!(opcode, SCHEMA | CHANNEL | MESSAGE | CHUNK);
         if !wanted || length > MAX_RECORD {
-            self.file.seek_relative(i64::try_from(length).map_err(|_| cut_off())?)?;
+            // A stream cannot be sought in.
+            if io::copy(&mut self.file.by_ref().take(length), &mut io::sink())? != length {
+                return Err(cut_off());
+            }
             let too_long = || Next::Damage(format!("the record at byte {start} is longer than {MAX_RECORD} bytes"));
             return Ok(wanted.then(too_long));
         }
@@ -215,15 +250,19 @@ impl Records {
 }
 
 /// A file, behind its magic bytes, and its length.
-fn open(path: &Path) -> io::Result<(BufReader<File>, u64)> {
+fn open(path: &Path) -> io::Result<(BufReader<Bytes>, u64)> {
     let file = File::open(path)?;
     let length = file.metadata()?.len();
-    let mut file = BufReader::with_capacity(1 << 16, file);
+    Ok((behind_magic(Bytes::File(file))?, length))
+}
+
+fn behind_magic(bytes: Bytes) -> io::Result<BufReader<Bytes>> {
+    let mut bytes = BufReader::with_capacity(1 << 16, bytes);
     let mut magic = [0; MAGIC.len()];
-    if file.read_exact(&mut magic).is_err() || magic != MAGIC {
+    if bytes.read_exact(&mut magic).is_err() || magic != MAGIC {
         return Err(io::Error::new(ErrorKind::InvalidData, "it does not begin as MCAP files do"));
     }
-    Ok((file, length))
+    Ok(bytes)
 }
 
 /// An error of one file of several.

@@ -1,5 +1,6 @@
 //! The file formats in which ROS keeps its messages, behind one door: what follows is the same for all.
 
+use super::super::stream::Stream;
 use super::records::{Next, Records};
 use super::rosbag;
 #[cfg(not(target_family = "wasm"))]
@@ -7,6 +8,15 @@ use super::sqlite;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+
+/// Where a bag comes from.
+#[derive(Clone, Debug)]
+pub(super) enum Origin {
+    /// Its files, in the order of their time.
+    Files(Vec<PathBuf>),
+    /// MCAP that may still be coming.
+    Stream(Stream),
+}
 
 /// A bag that is being read.
 #[derive(Debug)]
@@ -26,8 +36,12 @@ pub(in crate::io) fn is_bag(begin: &[u8]) -> bool {
 }
 
 impl Storage {
-    /// Opens the files of a bag, all of the format that the first one has.
-    pub(super) fn open(files: Vec<PathBuf>) -> io::Result<Self> {
+    /// Opens a bag, its files all of the format that the first one has.
+    pub(super) fn open(origin: &Origin) -> io::Result<Self> {
+        let files = match origin {
+            Origin::Files(files) => files.clone(),
+            Origin::Stream(stream) => return Records::of_stream(stream).map(Self::Mcap),
+        };
         let begin = files.first().map(|path| begin(path)).transpose()?.unwrap_or_default();
         match &files[..] {
             #[cfg(not(target_family = "wasm"))]
@@ -50,14 +64,19 @@ impl Storage {
         }
     }
 
-    /// How much was read, and how much there is.
-    pub(super) fn progress(&self) -> (u64, u64) {
+    /// How much was read, and how much there is, if that is known.
+    pub(super) fn progress(&self) -> Option<(u64, u64)> {
         match self {
-            Self::Mcap(records) => (records.consumed(), records.all),
+            Self::Mcap(records) => records.all.map(|all| (records.consumed(), all)),
             #[cfg(not(target_family = "wasm"))]
-            Self::Sqlite(tables) => (tables.consumed(), tables.all),
-            Self::Ros1(records) => (records.consumed(), records.all),
+            Self::Sqlite(tables) => Some((tables.consumed(), tables.all)),
+            Self::Ros1(records) => Some((records.consumed(), records.all)),
         }
+    }
+
+    /// Whether a stream ended because its reader wanted no more.
+    pub(super) fn was_stopped(&self) -> bool {
+        matches!(self, Self::Mcap(records) if records.was_stopped())
     }
 }
 

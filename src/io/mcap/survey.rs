@@ -3,11 +3,11 @@
 use super::decode::decode;
 use super::messages::{LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms};
 use super::records::{Channel, Next};
-use super::storage::Storage;
-use super::topics::SeenTopics;
+use super::storage::{Origin, Storage};
+use super::topics::{SeenTopics, Topic};
 use super::transforms::SeenTransforms;
 use crate::log::LogError;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// What a bag holds.
 #[derive(Default)]
@@ -16,13 +16,16 @@ pub(super) struct Survey {
     pub(super) transforms: SeenTransforms,
 }
 
-/// Reads a bag to its end, or as far as it goes.
+/// What a stream holds shows in its first seconds \[ns\]: a robot that is switched on tells its transforms within one.
+const FIRST_OF_STREAM: i64 = 5_000_000_000;
+
+/// Reads a bag to its end, or as far as it goes. Of a stream it reads the first seconds of scans.
 ///
 /// # Errors
 /// The bag cannot be opened, or none of its messages can be read.
-pub(super) fn survey(path: &Path, files: Vec<PathBuf>) -> Result<Survey, LogError> {
+pub(super) fn survey(path: &Path, origin: &Origin) -> Result<Survey, LogError> {
     let open_error = |source| LogError::Open { path: path.to_owned(), source };
-    let mut records = Storage::open(files).map_err(open_error)?;
+    let mut records = Storage::open(origin).map_err(open_error)?;
     let mut found = Survey::default();
     let (mut messages, mut first_damage) = (0, None);
     let broke_off = loop {
@@ -30,6 +33,13 @@ pub(super) fn survey(path: &Path, files: Vec<PathBuf>) -> Result<Survey, LogErro
             Ok(Next::Message { channel, received, data }) => {
                 messages += 1;
                 found.add(&channel, received, &data);
+                let is_enough = |topic: &Topic| topic.clock.span() >= FIRST_OF_STREAM;
+                if matches!(origin, Origin::Stream(_))
+                    && channel.schema == LASER_SCAN
+                    && found.topics.get(&channel.topic).is_some_and(is_enough)
+                {
+                    break None;
+                }
             }
             // The second pass counts and reports all.
             Ok(Next::Damage(reason)) => _ = first_damage.get_or_insert(reason),

@@ -1,0 +1,194 @@
+//! A log that comes through a pipe. Its bytes are kept in a temporary file as they come, so that it can be read from its first
+//! byte any number of times, also while it still comes.
+
+use super::carmen::CarmenReader;
+use super::mcap::{self, McapLog, Topics};
+use super::open::refusal;
+use crate::log::{LogError, LogReader, LogSource};
+use std::fs::File;
+use std::io::{self, ErrorKind, Read, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tempfile::NamedTempFile;
+
+/// How often a reader that waits asks whether it should \[s\].
+const PATIENCE: Duration = Duration::from_millis(50);
+/// What is kept at a time, at most \[bytes\].
+const PIECE: usize = 1 << 16;
+
+/// Bytes that come once and can be read again.
+#[derive(Clone, Debug)]
+pub struct Stream {
+    kept: Arc<Kept>,
+    is_over: fn() -> bool,
+}
+
+#[derive(Debug)]
+struct Kept {
+    file: NamedTempFile,
+    progress: Mutex<Progress>,
+    grown: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Progress {
+    length: u64,
+    end: Option<End>,
+}
+
+/// Why nothing more comes.
+#[derive(Clone, Debug)]
+enum End {
+    /// Whoever wrote it has closed it.
+    Closed,
+    /// The reader wanted no more.
+    Stopped,
+    /// It cannot be read, or kept.
+    Failed(ErrorKind, String),
+}
+
+impl Stream {
+    /// Begins to keep the bytes, on a thread of its own, in a file that goes when the last of this stream does. Where `is_over`
+    /// says so, the stream ends behind what was read of it.
+    ///
+    /// # Errors
+    /// No temporary file can be made, or no thread started.
+    pub fn new(bytes: impl Read + Send + 'static, is_over: fn() -> bool) -> io::Result<Self> {
+        let file = NamedTempFile::new()?;
+        let mut copy = file.reopen()?;
+        let kept = Arc::new(Kept { file, progress: Mutex::default(), grown: Condvar::new() });
+        let (stream, weak) = (Self { kept: Arc::clone(&kept), is_over }, Arc::downgrade(&kept));
+        // The file opened above is not the one that readers read: each has a place of its own.
+        let keep = move || {
+            let (mut bytes, mut piece) = (bytes, vec![0; PIECE]);
+            loop {
+                let read = bytes.read(&mut piece).and_then(|read| copy.write_all(&piece[..read]).map(|()| read));
+                // Nobody reads it any more.
+                let Some(kept) = weak.upgrade() else { return };
+                let mut progress = kept.progress();
+                match read {
+                    Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+                    _ if progress.end.is_some() => return,
+                    Ok(0) => progress.end = Some(End::Closed),
+                    Ok(read) => progress.length += read as u64,
+                    Err(error) => progress.end = Some(End::Failed(error.kind(), error.to_string())),
+                }
+                kept.grown.notify_all();
+            }
+        };
+        std::thread::Builder::new().name("stream".to_owned()).spawn(keep)?;
+        Ok(stream)
+    }
+
+    /// Reads from the first byte.
+    pub(super) fn reader(&self) -> io::Result<StreamReader> {
+        Ok(StreamReader { file: self.kept.file.reopen()?, position: 0, stream: self.clone() })
+    }
+
+    /// How many bytes there are behind this place; waits until there is one, and is 0 at the end.
+    fn beyond(&self, position: u64) -> io::Result<u64> {
+        let mut progress = self.kept.progress();
+        loop {
+            if progress.end.is_none() && (self.is_over)() {
+                *progress = Progress { length: position, end: Some(End::Stopped) };
+            }
+            match &progress.end {
+                _ if progress.length > position => return Ok(progress.length - position),
+                Some(End::Failed(kind, reason)) => return Err(io::Error::new(*kind, reason.clone())),
+                Some(End::Closed | End::Stopped) => return Ok(0),
+                None => {}
+            }
+            let waited = self.kept.grown.wait_timeout(progress, PATIENCE);
+            progress = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+}
+
+impl Kept {
+    fn progress(&self) -> MutexGuard<'_, Progress> {
+        self.progress.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Reads a stream, and waits for what has not come yet.
+#[derive(Debug)]
+pub(super) struct StreamReader {
+    file: File,
+    position: u64,
+    stream: Stream,
+}
+
+impl StreamReader {
+    /// Whether the stream ended because its reader wanted no more.
+    pub(super) fn was_stopped(&self) -> bool {
+        matches!(self.stream.kept.progress().end, Some(End::Stopped))
+    }
+}
+
+impl Read for StreamReader {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let most = self.stream.beyond(self.position)?.min(buffer.len() as u64) as usize;
+        let read = self.file.read(&mut buffer[..most])?;
+        self.position += read as u64;
+        Ok(read)
+    }
+}
+
+/// What a stream is called in errors.
+const NAME: &str = "standard input";
+
+/// The log that comes through a stream: a CARMEN log, plain or gzip, or a bag in MCAP, whose topics are chosen by what its
+/// first seconds hold.
+///
+/// `field_of_view` is as for [`CarmenLog::with_field_of_view`](super::carmen::CarmenLog::with_field_of_view).
+///
+/// # Errors
+/// It is a log of another kind, which has to be in a file, or as [`McapLog::new`].
+pub fn open_stream(
+    stream: Stream,
+    topics: &Topics,
+    field_of_view: Option<f64>,
+) -> Result<Box<dyn LogSource>, LogError> {
+    let path = PathBuf::from(NAME);
+    let mut begin = Vec::new();
+    let head = stream.reader().and_then(|reader| reader.take(16).read_to_end(&mut begin));
+    head.map_err(|source| LogError::Open { path: path.clone(), source })?;
+    if begin.starts_with(&mcap::MAGIC) {
+        return Ok(Box::new(McapLog::of_stream(path, stream, topics)?));
+    }
+    if mcap::is_bag(&begin) {
+        let reason = "a bag of this kind cannot be read as it comes".to_owned();
+        return Err(LogError::NotThisFormat { path, reason, expected: "save it to a file first" });
+    }
+    match refusal(&path, &begin, topics) {
+        Some(error) => Err(error),
+        None => Ok(Box::new(CarmenStream { stream, field_of_view })),
+    }
+}
+
+struct CarmenStream {
+    stream: Stream,
+    field_of_view: Option<f64>,
+}
+
+impl LogSource for CarmenStream {
+    fn name(&self) -> String {
+        name()
+    }
+
+    fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
+        let bytes =
+            self.stream.reader().map_err(|source| LogError::Open { path: Path::new(NAME).to_owned(), source })?;
+        Ok(Box::new(CarmenReader::from_reader(NAME, bytes)?.with_field_of_view(self.field_of_view)))
+    }
+
+    fn is_live(&self) -> bool {
+        true
+    }
+}
+
+/// Of every log that comes through a stream.
+pub(super) fn name() -> String {
+    "stdin".to_owned()
+}
