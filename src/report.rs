@@ -224,6 +224,9 @@ pub struct RunResult {
     pub refused_odometry: Vec<f64>,
     /// The loops that were searched for and found, in the order of the log.
     pub loops: Vec<Loop>,
+    /// Of all points that clusters explained, the share on those that were left out of the map because more scans looked through
+    /// them than saw them: 0 to 1, 0 before smoothing.
+    pub looked_through: f64,
 }
 
 impl RunResult {

@@ -498,6 +498,7 @@ impl Estimator for Slam {
             poses: self.readings.iter().map(estimate).collect(),
             refused_odometry: self.tracker.refused().to_vec(),
             loops: self.loops.found(&path[1..]),
+            looked_through: 0.0,
         }
     }
 

@@ -403,6 +403,7 @@ impl Estimator for Localization {
             poses: self.estimates.clone(),
             refused_odometry: self.tracker.refused().to_vec(),
             loops: Vec::new(),
+            looked_through: 0.0,
         }
     }
 

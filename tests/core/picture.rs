@@ -271,7 +271,8 @@ fn run() -> (RunResult, Vec<(Scan, Pose, Pose)>) {
         confidence: None,
     };
     let poses = scans.iter().map(estimate).collect();
-    (RunResult { map: LineMap { clusters, free: None }, poses, refused_odometry: Vec::new(), loops: Vec::new() }, scans)
+    let map = LineMap { clusters, free: None };
+    (RunResult { map, poses, refused_odometry: Vec::new(), loops: Vec::new(), looked_through: 0.0 }, scans)
 }
 
 #[test]

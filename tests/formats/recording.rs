@@ -177,7 +177,8 @@ fn result(steps: u32) -> RunResult {
         confidence: None,
     };
     let map = LineMap { clusters: vec![wall(0.0), wall(5.0), wall(10.0)], free: None };
-    RunResult { map, poses: (0..steps).map(estimate).collect(), refused_odometry: Vec::new(), loops: Vec::new() }
+    let poses = (0..steps).map(estimate).collect();
+    RunResult { map, poses, refused_odometry: Vec::new(), loops: Vec::new(), looked_through: 0.0 }
 }
 
 /// Records `steps` steps, the map changing at the fourth, and reads the file.
