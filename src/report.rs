@@ -228,6 +228,9 @@ pub struct RunResult {
     pub loops: Vec<Loop>,
     /// The walls of an earlier drive that the map was made from, as that drive left them.
     pub earlier: Vec<Cluster>,
+    /// Of all points that clusters explained, the share on those that were left out of the map because more scans looked through
+    /// them than saw them: 0 to 1, 0 before smoothing.
+    pub looked_through: f64,
 }
 
 impl RunResult {

@@ -518,6 +518,7 @@ impl Estimator for Slam {
             odometry_errors: self.tracker.odometry_errors(),
             loops: self.loops.found(&path[1..]),
             earlier: self.earlier.clone(),
+            looked_through: 0.0,
         }
     }
 

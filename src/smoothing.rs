@@ -95,6 +95,7 @@ impl Smoother {
             let mut support = match_scans(source, result, self, is_last, &mut progress)?;
             add_earlier(&mut support, &result.map.clusters, &result.earlier, &self.matching);
             result.map.clusters = refit(&support, self, is_last);
+            result.looked_through = looked_through(&support);
         }
         Ok(())
     }
@@ -184,6 +185,16 @@ impl Support {
     fn is_wall(&self) -> bool {
         self.scans >= self.through
     }
+}
+
+/// Share of the points that lie on what is no wall.
+fn looked_through(support: &[Support]) -> f64 {
+    let (mut gone, mut all) = (0.0, 0.0);
+    for support in support {
+        all += support.moments.count;
+        gone += if support.is_wall() { 0.0 } else { support.moments.count };
+    }
+    if all > 0.0 { gone / all } else { 0.0 }
 }
 
 /// A scan in its place: its points in the world, and for each the cluster of the map that explains it best.

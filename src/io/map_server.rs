@@ -7,8 +7,8 @@
 //! Read: PGM (`P5` and `P2`), PNG and BMP, grey or colour, with or without transparency, in the modes `trinary` (also where
 //! none is given), `scale` and `raw`, by the rules of Nav2's map_server. What the modes `scale` and `raw` tell of a cell
 //! that is neither free nor occupied is not kept: the cell is unknown. A pixel of 205 is unknown in the mode `trinary` whatever
-//! the thresholds are: Nav2's map saver writes unknown cells so, and a `free_thresh` that would call them free. Written: `trinary`, `P5`, occupied 0, free 254,
-//! unknown 205, which map_server reads as what they were.
+//! the thresholds are: Nav2's map saver writes unknown cells so, and a `free_thresh` that would call them free. Written:
+//! `trinary`, `P5`, occupied 0, free 254, unknown 205, which map_server reads as what they were.
 
 use super::{WriteError, write_whole};
 use crate::geometry::Pose;
@@ -17,8 +17,9 @@ use image::codecs::png::PngEncoder;
 use image::{
     DynamicImage, ExtendedColorType, GenericImageView as _, ImageDecoder, ImageEncoder as _, ImageFormat, ImageReader,
 };
-use serde::de::Error as _;
+use serde::de::{Error as _, IgnoredAny};
 use serde::{Deserialize, Deserializer};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, Read as _};
 use std::path::{Path, PathBuf};
@@ -73,6 +74,9 @@ pub enum MapServerError {
         source: GridError,
     },
 }
+
+/// The keys of a description: any other may be one that is misspelt.
+const KEYS: [&str; 7] = ["image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode"];
 
 #[derive(Deserialize)]
 struct Description {
@@ -260,10 +264,17 @@ impl Description {
         if text.len() as u64 > MOST_YAML {
             return Err(wrong(format!("it has more than {MOST_YAML} bytes")));
         }
-        let options = serde_saphyr::options! { with_snippet: false };
+        let options = || serde_saphyr::options! { with_snippet: false };
         let mut description: Self =
-            serde_saphyr::from_slice_with_options(&text, options).map_err(|error| wrong(error.to_string()))?;
+            serde_saphyr::from_slice_with_options(&text, options()).map_err(|error| wrong(error.to_string()))?;
         let mut warnings = Vec::new();
+        // Where the yaw is `.nan` they cannot be asked for.
+        let keys: BTreeMap<String, IgnoredAny> =
+            serde_saphyr::from_slice_with_options(&text, options()).unwrap_or_default();
+        for key in keys.keys().filter(|key| !KEYS.contains(&key.as_str())) {
+            let (key, known) = (key.chars().take(40).collect::<String>(), KEYS.join(", "));
+            warnings.push(format!("{}: the key {key:?} was left out; there are: {known}", path.display()));
+        }
         if description.origin[2].is_nan() {
             warnings.push(format!(
                 "{}: the yaw of its origin is no number, as old map savers wrote it: 0 is meant",
@@ -537,6 +548,8 @@ mod tests {
             assert_eq!(found.grid.world_from_grid(), Pose::new(1.0, -2.0, 0.0));
             assert!(found.warnings[0].contains("yaw"), "{:?}", found.warnings);
         }
+        let misspelt = read_with(&YAML.replace("free_thresh", "free_tresh"), "map.pgm", picture);
+        assert!(misspelt.warnings[0].contains("the key \"free_tresh\" was left out"), "{:?}", misspelt.warnings);
         let percent = read_with(YAML, "map.pgm", b"P5\n3 1\n255\n\x00\x64\xff");
         assert!(percent.warnings[0].contains("mode: raw"), "{:?}", percent.warnings);
         let mut bmp = std::io::Cursor::new(Vec::new());

@@ -338,6 +338,7 @@ impl Estimator for Localization {
             odometry_errors: self.tracker.odometry_errors(),
             loops: Vec::new(),
             earlier: Vec::new(),
+            looked_through: 0.0,
         }
     }
 

@@ -287,6 +287,7 @@ fn run() -> (RunResult, Vec<(Scan, Pose, Pose)>) {
             odometry_errors: OdometryErrors::default(),
             loops: Vec::new(),
             earlier: Vec::new(),
+            looked_through: 0.0,
         },
         scans,
     )

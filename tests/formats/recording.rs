@@ -185,6 +185,7 @@ fn result(steps: u32) -> RunResult {
         odometry_errors: OdometryErrors::default(),
         loops: Vec::new(),
         earlier: Vec::new(),
+        looked_through: 0.0,
     }
 }
 
