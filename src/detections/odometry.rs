@@ -24,9 +24,9 @@ pub struct Velocity {
 
 /// The motion between two moments, and how it came about, which tells how far to trust it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Motion {
+pub struct Motion<P = Pose> {
     /// The pose at the end, seen from that at the start.
-    pub start_from_end: Pose,
+    pub start_from_end: P,
     /// Length of the path \[m\].
     pub distance: f64,
     /// All turning on the way, left and right added up \[rad\].

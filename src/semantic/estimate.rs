@@ -2,27 +2,25 @@
 
 use super::e_step::table;
 use super::keyframes::Keyframe;
-use super::sensor_model::{CALIBRATION_SIGMAS, SensorModel, motion_variances};
+use super::sensor_model::SensorModel;
+use super::world::{Plane, Square, World};
 use crate::association::{Policy, associate};
-use crate::factor_graph::Odometry;
-use crate::geometry::Pose;
 use crate::report::Bits;
-use nalgebra::{Matrix2, Point2, Vector3};
 
 /// An object of the map.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Landmark {
+pub struct Landmark<W: World = Plane> {
     /// In the world \[m\].
-    pub position: Point2<f64>,
+    pub position: W::Point,
     /// Covariance of the position \[m²\], as seen from the first pose.
-    pub covariance: Matrix2<f64>,
+    pub covariance: W::PointCovariance,
     /// Probability of each class.
     pub classes: Vec<f64>,
     /// Sum of its weights: how many detections show it.
     pub weight: f64,
 }
 
-impl Landmark {
+impl<W: World> Landmark<W> {
     /// The likeliest class.
     pub fn class(&self) -> usize {
         let likeliest = self.classes.iter().enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b));
@@ -31,7 +29,8 @@ impl Landmark {
 
     /// Adds all its numbers to a checksum.
     pub(super) fn add_to(&self, bits: &mut Bits) {
-        bits.add(self.position.iter().chain(self.covariance.iter()).chain(&self.classes).copied());
+        let position: W::Numbers = self.position.into();
+        bits.add(position.as_ref().iter().chain(self.covariance.entries()).chain(&self.classes).copied());
         bits.add([self.weight]);
     }
 }
@@ -49,13 +48,13 @@ pub struct Pair {
 
 /// A MAP estimate under weights.
 #[derive(Clone, Debug)]
-pub struct Estimate {
+pub struct Estimate<W: World> {
     /// `world_from_robot` of each keyframe.
-    pub poses: Vec<Pose>,
-    /// Forward scale, turn scale, curvature \[rad/m\].
-    pub calibration: Vector3<f64>,
+    pub poses: Vec<W::Pose>,
+    /// Of the odometry.
+    pub calibration: W::Calibration,
     /// The map.
-    pub landmarks: Vec<Landmark>,
+    pub landmarks: Vec<Landmark<W>>,
     /// That a landmark in view is detected.
     pub detection_probability: f64,
     /// The pairs of each keyframe.
@@ -64,12 +63,12 @@ pub struct Estimate {
     pub numbers: Vec<usize>,
 }
 
-impl Estimate {
+impl<W: World> Estimate<W> {
     /// What runs are compared by \[nats\]: the log-likelihood of all sets of detections, each under its best assignment,
     /// less what the path costs by odometry, the calibration by its prior, and the landmarks by their number.
     ///
     /// Summed over the assignments instead, it would pay for landmarks that are mapped twice.
-    pub fn objective(&self, model: &SensorModel<'_>, keyframes: &[Keyframe], landmark_cost: f64) -> f64 {
+    pub fn objective(&self, model: &SensorModel<'_, W>, keyframes: &[Keyframe<W>], landmark_cost: f64) -> f64 {
         let sets: f64 = keyframes
             .iter()
             .zip(&self.poses)
@@ -79,22 +78,30 @@ impl Estimate {
                 associate(&table, Policy::Hungarian).log_likelihood
             })
             .sum();
-        let off = self.calibration - Vector3::from(Odometry::CALIBRATED);
-        let prior = 0.5 * off.component_div(&Vector3::from(CALIBRATION_SIGMAS)).norm_squared();
+        let prior = 0.5 * self.calibrated_by().map(|off| off * off).sum::<f64>();
         let odometry = self.odometry_cost(model, keyframes);
+        // A landmark costs the same for each of its coordinates.
+        let landmark_cost = landmark_cost / Plane::POINT as f64 * W::POINT as f64;
         sets - odometry - prior - landmark_cost * self.landmarks.len() as f64
     }
 
+    /// The change that calibration makes of each number \[standard deviations of its prior\].
+    pub fn calibrated_by(&self) -> impl Iterator<Item = f64> {
+        let (calibrated, sigmas) = (W::CALIBRATED, W::CALIBRATION_SIGMAS);
+        let off = move |axis| (self.calibration.as_ref()[axis] - calibrated.as_ref()[axis]) / sigmas.as_ref()[axis];
+        (0..sigmas.as_ref().len()).map(off)
+    }
+
     /// What the path costs by odometry \[nats\]: half the squared errors, in their variances.
-    pub fn odometry_cost(&self, model: &SensorModel<'_>, keyframes: &[Keyframe]) -> f64 {
+    pub fn odometry_cost(&self, model: &SensorModel<'_, W>, keyframes: &[Keyframe<W>]) -> f64 {
         self.poses
             .windows(2)
             .zip(keyframes.iter().skip(1))
             .map(|(pair, keyframe)| {
-                let predicted = Pose::exp(Odometry::calibrated(keyframe.twist, self.calibration).0);
-                let error = pair[1].seen_from(pair[0]).seen_from(predicted).log();
-                let variances = motion_variances(model.sensors.odometry.variances(&keyframe.motion));
-                0.5 * error.component_mul(&error).component_div(&variances).sum()
+                let predicted = pair[0] * W::moved(&keyframe.motion, self.calibration).pose;
+                let variances = model.motion_variances(&keyframe.motion);
+                let errors = W::difference(predicted, pair[1]).into_iter().zip(variances);
+                0.5 * errors.map(|(error, variance)| error * error / variance).sum::<f64>()
             })
             .sum()
     }

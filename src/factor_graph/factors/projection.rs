@@ -1,6 +1,6 @@
 //! Semantic term (eq. 7): an object, seen by a sensor in space.
 
-use super::{Factor, Jacobian};
+use super::{Factor, Jacobian, Prediction};
 use crate::factor_graph::{GraphError, Values, VariableId};
 use crate::geometry::{Pinhole, Pose3};
 use nalgebra::{Matrix3, Matrix3x6, Point2, Point3, Vector3};
@@ -75,6 +75,78 @@ impl Factor for Projection {
         if let Some(jacobian) = jacobian {
             jacobian.fixed_view_mut::<2, 6>(0, 0).copy_from(&(by_seen * by_pose));
             jacobian.fixed_view_mut::<2, 3>(0, 6).copy_from(&(by_seen * by_point));
+        }
+        Ok(())
+    }
+}
+
+/// A camera that also tells how far a point is: with two cameras, or because the size of what is there is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StereoCamera {
+    /// The camera; of two the left one.
+    pub pinhole: Pinhole,
+    /// The distance b of two cameras \[m\], or the size of what is seen.
+    pub baseline: f64,
+    /// Where it is mounted.
+    pub robot_from_camera: Pose3,
+}
+
+impl StereoCamera {
+    /// Pixel and disparity (π(q), fᵤ b / z) of a point q of the camera's frame; none where it is not ahead.
+    pub fn predict(&self, world_from_robot: Pose3, point: Point3<f64>) -> Option<Prediction<6, 3>> {
+        let Seen { point, by_pose, by_point } = Seen::new(world_from_robot, point, self.robot_from_camera);
+        let (pixel, pixel_by_seen) = self.pinhole.project(point)?;
+        let disparity = self.pinhole.focal[0] * self.baseline / point.z;
+        let mut by_seen = Matrix3::zeros();
+        by_seen.fixed_view_mut::<2, 3>(0, 0).copy_from(&pixel_by_seen);
+        by_seen[(2, 2)] = -disparity / point.z;
+        let mean = Vector3::new(pixel.x, pixel.y, disparity);
+        Some(Prediction { mean, by_pose: by_seen * by_pose, by_point: by_seen * by_point })
+    }
+}
+
+/// A point seen by a [`StereoCamera`]: e = predicted - measured, pixel and disparity. Where it is not ahead of the camera, the
+/// residual is not finite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stereo {
+    variables: [VariableId; 2],
+    measured: Vector3<f64>,
+    camera: StereoCamera,
+}
+
+impl Stereo {
+    /// `measured` is u, v and disparity \[pixels\] of `point` as seen from `pose`.
+    pub fn new(pose: VariableId, point: VariableId, measured: Vector3<f64>, camera: StereoCamera) -> Self {
+        Self { variables: [pose, point], measured, camera }
+    }
+}
+
+impl Factor for Stereo {
+    fn variables(&self) -> &[VariableId] {
+        &self.variables
+    }
+
+    fn dimension(&self) -> usize {
+        3
+    }
+
+    fn evaluate(
+        &self,
+        values: &Values,
+        residual: &mut [f64],
+        jacobian: Option<&mut Jacobian<'_>>,
+    ) -> Result<(), GraphError> {
+        let [pose, point] = self.variables;
+        let Some(Prediction { mean, by_pose, by_point }) =
+            self.camera.predict(values.pose3(pose)?, values.point3(point)?)
+        else {
+            residual.fill(f64::NAN);
+            return Ok(());
+        };
+        residual.copy_from_slice((mean - self.measured).as_slice());
+        if let Some(jacobian) = jacobian {
+            jacobian.fixed_view_mut::<3, 6>(0, 0).copy_from(&by_pose);
+            jacobian.fixed_view_mut::<3, 3>(0, 6).copy_from(&by_point);
         }
         Ok(())
     }
