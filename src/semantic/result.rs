@@ -78,7 +78,7 @@ impl SemanticMap {
 
 impl SemanticMap<Space> {
     /// The path.
-    pub fn trajectory(&self) -> Vec<StampedPose3> {
+    pub fn trajectory3(&self) -> Vec<StampedPose3> {
         self.keyframes.iter().map(|&Mapped { stamp, pose, .. }| StampedPose3 { stamp, pose }).collect()
     }
 }
