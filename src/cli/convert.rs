@@ -23,7 +23,7 @@ const POSSIBLE: &str = "Formats, by the endings of the names:
          out: .json, .yaml (and .pgm), .geojson (walls), .svg (picture)
 
 Folders, by the files in them, become recordings of detections (a new folder):
-  MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition;
+  MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition, Starry Night (--rows);
 or of a camera with an inertial sensor: imu_tracks.csv of GTSAM (EuRoC)";
 
 /// Writes a log or a map in another format, or a published set of detections as a recording.
@@ -83,6 +83,9 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
     interrupt::watch()?;
     if let Some(set) = datasets::recognise(input) {
         return dataset.convert(set, input, output);
+    }
+    if let Some(set) = datasets::recognise3(input) {
+        return dataset.convert3(set, input, output);
     }
     if imu_tracks::is_in(input) && !dataset.are_given() {
         return convert_imu_tracks(input, output);

@@ -51,8 +51,8 @@ parameters! {
         v: f64 = 2.0, in 1e-6..=1e4;
         /// Of the disparity \[pixels\].
         disparity: f64 = 2.0, in 1e-6..=1e4;
-        /// Of the disparity, as a share of it; comes on top.
-        disparity_share: f64 = 0.0, in 0.0..=1.0;
+        /// Of all three, as a share of the disparity; comes on top. A box around an object errs by its size.
+        share: f64 = 0.0, in 0.0..=1.0;
     }
 }
 
@@ -84,8 +84,8 @@ parameters! {
 
 impl PixelNoise {
     /// Standard deviations of u, v and disparity \[pixels\] at a disparity.
-    pub fn at(&self, at: f64) -> [f64; 3] {
-        [self.u, self.v, self.disparity.hypot(self.disparity_share * at)]
+    pub fn at(&self, disparity: f64) -> [f64; 3] {
+        [self.u, self.v, self.disparity].map(|sigma| sigma.hypot(self.share * disparity))
     }
 }
 
@@ -173,6 +173,14 @@ impl Odometry3 {
     /// Whether nothing was recorded.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// The first and the last stamp \[s\].
+    pub fn span(&self) -> Option<(f64, f64)> {
+        match self {
+            Self::Velocities(rows) => Some((rows.first()?.stamp, rows.last()?.stamp)),
+            Self::Poses(rows) => Some((rows.first()?.stamp, rows.last()?.stamp)),
+        }
     }
 
     /// The motion between two moments \[s\]; none where `to` does not come after `from`.

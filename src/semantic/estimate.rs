@@ -6,6 +6,7 @@ use super::sensor_model::SensorModel;
 use super::world::{Plane, Square, World};
 use crate::association::{Policy, associate};
 use crate::report::Bits;
+use nalgebra::{DMatrix, Point2};
 
 /// An object of the map.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,6 +26,18 @@ impl<W: World> Landmark<W> {
     pub fn class(&self) -> usize {
         let likeliest = self.classes.iter().enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b));
         likeliest.map_or(0, |(class, _)| class)
+    }
+
+    /// It as it is seen from above, along the axis z.
+    pub fn from_above(&self) -> Landmark {
+        let numbers: W::Numbers = self.position.into();
+        let covariance = DMatrix::from_column_slice(W::POINT, W::POINT, self.covariance.entries());
+        Landmark {
+            position: Point2::from_slice(&numbers.as_ref()[..2]),
+            covariance: Square::of(&covariance.view((0, 0), (2, 2)).into_owned()),
+            classes: self.classes.clone(),
+            weight: self.weight,
+        }
     }
 
     /// Adds all its numbers to a checksum.

@@ -55,7 +55,7 @@ pub use estimate::Landmark;
 pub use history::{Candidate, History, Sweep};
 pub use result::{Mapped, RunScore, SemanticMap, Weight};
 pub use verdict::Verdict;
-pub use world::{Plane, Space, World};
+pub use world::{Plane, Space, Square, World};
 
 use crate::factor_graph::{GraphError, VariableId};
 use crate::parameters::ConfigError;
@@ -69,7 +69,6 @@ use progress::Progress;
 use rayon::prelude::*;
 use sensor_model::SensorModel;
 use std::collections::BTreeMap;
-use world::Square;
 
 /// Annealing: the first sweep multiplies the noise of detections by this, the last one by 1. Else landmarks that are alike
 /// would fix their weights before the path has settled.
