@@ -230,7 +230,13 @@ impl<W: Output> Task<'_, W> {
     }
 
     /// Writes the outputs.
-    pub fn write(&self, found: &SemanticMap<W>, seconds: f64, score: &Score, outputs: &mut Outputs) -> anyhow::Result<()> {
+    pub fn write(
+        &self,
+        found: &SemanticMap<W>,
+        seconds: f64,
+        score: &Score,
+        outputs: &mut Outputs,
+    ) -> anyhow::Result<()> {
         let path = outputs.stage("trajectory.tum");
         outputs.note(W::write_trajectory(&path, found));
         for (name, text) in results::files(W::labels(W::sensors(self.recording)).0, found) {
@@ -308,11 +314,7 @@ impl Score {
         let compared = existing(truth::TRAJECTORY).map(|path| W::compare(&path, found)).transpose()?;
         let (rms, reference) = compared.unwrap_or_default();
         let ids = existing(truth::IDS).map(|path| W::read_ids(&path, recording)).transpose()?;
-        Ok(Self {
-            rms,
-            right: ids.and_then(|ids| weight_on_right_landmark(&ids, &found.weights)),
-            reference,
-        })
+        Ok(Self { rms, right: ids.and_then(|ids| weight_on_right_landmark(&ids, &found.weights)), reference })
     }
 
     fn text(&self) -> String {

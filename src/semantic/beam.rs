@@ -86,8 +86,7 @@ impl<'a, W: World> Beam<'a, W> {
             self.past.push(Past { before: hypothesis.past, pose: hypothesis.pose, ids, state: None });
             hypothesis.past = Some(self.past.len() - 1);
         }
-        let candidate =
-            |&Hypothesis { pose, log_likelihood, .. }: &Hypothesis<W>| Candidate { pose, log_likelihood };
+        let candidate = |&Hypothesis { pose, log_likelihood, .. }: &Hypothesis<W>| Candidate { pose, log_likelihood };
         self.candidates.push(self.hypotheses.iter().map(candidate).collect());
     }
 

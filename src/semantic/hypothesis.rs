@@ -232,7 +232,8 @@ impl<W: World> Hypothesis<W> {
         let (pose, rest) = step.as_slice().split_at(W::POSE);
         self.pose = W::step(self.pose, pose);
         let mut rest = rest.iter();
-        let mut add = |numbers: &mut [f64]| numbers.iter_mut().zip(rest.by_ref()).for_each(|(number, step)| *number += step);
+        let mut add =
+            |numbers: &mut [f64]| numbers.iter_mut().zip(rest.by_ref()).for_each(|(number, step)| *number += step);
         add(self.calibration.as_mut());
         for landmark in &mut self.landmarks {
             let mut position: W::Numbers = landmark.position.into();

@@ -6,9 +6,7 @@ use super::hypothesis::Hypothesis;
 use super::keyframes::Keyframe;
 use super::sensor_model::{LOSS_SCALE, SensorModel};
 use super::world::World;
-use crate::factor_graph::{
-    Covariances, Graph, Loss, Noise, Prior, Solver, SolverConfig, Value, Values, VariableId,
-};
+use crate::factor_graph::{Covariances, Graph, Loss, Noise, Prior, Solver, SolverConfig, Value, Values, VariableId};
 use nalgebra::DMatrix;
 
 /// The first pose is the origin \[m, rad\].

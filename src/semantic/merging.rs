@@ -20,11 +20,7 @@ type Twins = (usize, usize, f64);
 
 /// Landmarks of one class that may be the same, where their places are uncertain by another `sigma` \[m\]: the closest first,
 /// each landmark in one pair at most.
-fn twins<W: World>(
-    mapping: &Mapping<'_, W>,
-    estimate: &Estimate<W>,
-    sigma: f64,
-) -> Result<Vec<Twins>, SemanticError> {
+fn twins<W: World>(mapping: &Mapping<'_, W>, estimate: &Estimate<W>, sigma: f64) -> Result<Vec<Twins>, SemanticError> {
     let problem = mapping.problem(estimate, 1.0)?;
     let covariances = problem.covariances()?;
     let landmarks = &estimate.landmarks;

@@ -1,7 +1,7 @@
 //! What a detection and a motion say, as densities.
 
-use super::world::World;
 use super::linear::Linear;
+use super::world::World;
 use crate::association::class_log_likelihood;
 use crate::detections::Motion;
 use nalgebra::DMatrix;
@@ -101,7 +101,8 @@ impl<'a, W: World> SensorModel<'a, W> {
     /// distribution. The noise is `tempering` times as wide.
     pub fn log_density(&self, prediction: &W::Prediction, seen: &W::Detection, tempering: f64) -> f64 {
         let (errors, variances) = (squared_errors::<W>(prediction, seen), self.variances(seen));
-        let squared: f64 = errors.as_ref().iter().zip(variances.as_ref()).map(|(error, variance)| error / variance).sum();
+        let squared: f64 =
+            errors.as_ref().iter().zip(variances.as_ref()).map(|(error, variance)| error / variance).sum();
         let size: f64 = variances.as_ref().iter().map(|variance| tempering * variance.sqrt()).product();
         let c2 = LOSS_SCALE * LOSS_SCALE;
         W::LOG_PEAK - size.ln() - 0.5 * c2 * (squared / (tempering * tempering) / c2).ln_1p()

@@ -101,11 +101,7 @@ impl Verdict {
 }
 
 /// The share of detections that are explained, and the mean squared error of a number.
-fn detections<W: World>(
-    model: &SensorModel<'_, W>,
-    keyframes: &[Keyframe<W>],
-    estimate: &Estimate<W>,
-) -> (f64, f64) {
+fn detections<W: World>(model: &SensorModel<'_, W>, keyframes: &[Keyframe<W>], estimate: &Estimate<W>) -> (f64, f64) {
     let (mut explained, mut squared, mut sum) = (0.0, 0.0, 0.0);
     for ((keyframe, pose), pairs) in keyframes.iter().zip(&estimate.poses).zip(&estimate.weights) {
         for pair in pairs {

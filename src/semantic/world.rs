@@ -1,9 +1,7 @@
 //! The plane and space: all that differs between them in this room.
 
 use super::linear::Linear;
-use crate::detections::{
-    Detection, Detection3, Frame, Motion, Recording, Recording3, Sensors, Sensors3, View,
-};
+use crate::detections::{Detection, Detection3, Frame, Motion, Recording, Recording3, Sensors, Sensors3, View};
 use crate::factor_graph::{
     Factor, Odometry, Odometry3, Prediction, RangeBearing, Stereo, StereoCamera, Value, VariableId,
 };
@@ -145,7 +143,11 @@ pub trait World: Copy + Debug + PartialEq + Send + Sync + 'static {
     fn motion_variances(sensors: &Self::Sensors, motion: &Motion<Self::Pose>) -> Vec<f64>;
 
     /// The factor of a motion between two poses.
-    fn motion_factor(ends: [VariableId; 2], calibration: VariableId, motion: &Motion<Self::Pose>) -> impl Factor + 'static;
+    fn motion_factor(
+        ends: [VariableId; 2],
+        calibration: VariableId,
+        motion: &Motion<Self::Pose>,
+    ) -> impl Factor + 'static;
     /// The factor of a detection, of a landmark from a pose.
     fn detection_factor(
         sensors: &Self::Sensors,
@@ -192,7 +194,8 @@ impl World for Plane {
     }
 
     fn frames(recording: &Recording) -> Vec<(f64, Vec<(usize, Detection)>)> {
-        let in_view = |frame: &Frame| frame.in_view(recording.sensors.view).map(|(number, seen)| (number, *seen)).collect();
+        let in_view =
+            |frame: &Frame| frame.in_view(recording.sensors.view).map(|(number, seen)| (number, *seen)).collect();
         recording.frames.iter().map(|frame| (frame.stamp, in_view(frame))).collect()
     }
 
@@ -372,8 +375,7 @@ impl World for Space {
             let across = u.max(v) / sensors.camera.focal[0];
             depth * across.max(disparity / seen.disparity)
         };
-        let mut errors: Vec<f64> =
-            recording.frames.iter().flat_map(|frame| &frame.detections).map(error).collect();
+        let mut errors: Vec<f64> = recording.frames.iter().flat_map(|frame| &frame.detections).map(error).collect();
         errors.sort_by(f64::total_cmp);
         errors.get(errors.len() / 2).copied().unwrap_or(0.0)
     }

@@ -380,7 +380,13 @@ fn mrclam_is_converted() {
         assert!((next - 0.5).abs() < 0.12, "robot {robot}: {next} of the wrong labels are the next class");
     }
     let with = |seed, wrong_labels| {
-        let options = Options { robot: Some(2), seed: Some(seed), wrong_labels: Some(wrong_labels), classes: Some(5) };
+        let options = Options {
+            robot: Some(2),
+            seed: Some(seed),
+            wrong_labels: Some(wrong_labels),
+            classes: Some(5),
+            rows: None,
+        };
         convert(Dataset::MrClam, FOLDER, &options).recording.frames
     };
     assert!(with(1, 0.1) == with(1, 0.1) && with(1, 0.1) != with(2, 0.1) && with(1, 0.0) == with(2, 0.0));

@@ -23,6 +23,9 @@ const INTERVAL: f64 = 0.089;
 /// it was measured in all pictures, with the true poses.
 const DISPARITY_NOISE: f64 = 3.4;
 
+/// Of an angular speed \[rad/s\], measured in the same way: `w_var` is that of speeds of the other sign.
+const TURN_NOISE: f64 = 0.12;
+
 /// Reads the set, or some of its rows.
 pub(super) fn read(folder: &Path, labels: &Labels, rows: Option<(usize, usize)>) -> Result<Converted3, LogError> {
     let (first, last) = rows.unwrap_or((0, usize::MAX));
@@ -30,7 +33,8 @@ pub(super) fn read(folder: &Path, labels: &Labels, rows: Option<(usize, usize)>)
     let mut speeds = Vec::new();
     const SPEEDS: Layout = Layout { required: &["k", "t_s", "vx", "vy", "vz", "wx", "wy", "wz"], optional: &[] };
     read_table(&folder.join("odometry.csv"), &[SPEEDS], EXPECTED, |_, row| {
-        speeds.push(Velocity3 { stamp: row.number(1)?, linear: vector(row, 2)?, angular: vector(row, 5)? });
+        // By the true poses, the set tells how the world turns around the rig.
+        speeds.push(Velocity3 { stamp: row.number(1)?, linear: vector(row, 2)?, angular: -vector(row, 5)? });
         Ok(())
     })?;
     let mut trajectory = Vec::new();
@@ -47,7 +51,11 @@ pub(super) fn read(folder: &Path, labels: &Labels, rows: Option<(usize, usize)>)
         let (k, feature): (usize, u32) = (row.count(0)?, row.count(1)?);
         let frame = seen.get_mut(k).ok_or_else(|| format!("there is no row {k} in odometry.csv"))?;
         let (pixel, disparity) = ([row.number(2)?, row.number(3)?], row.number(2)? - row.number(4)?);
-        if disparity > 0.0 { frame.push((feature, pixel, disparity)) } else { behind += 1 }
+        if disparity > 0.0 {
+            frame.push((feature, pixel, disparity))
+        } else {
+            behind += 1
+        }
         Ok(())
     })?;
     let mut landmarks = Vec::new();
@@ -98,8 +106,18 @@ impl Calibration {
             let numbers = super::numbers(words).map_err(|reason| lines.error(reason))?;
             found.insert(name, numbers);
         }
-        let lengths = [("fu", 1), ("fv", 1), ("cu", 1), ("cv", 1), ("b", 1), ("rho_v_c_v", 3), ("C_c_v", 9), ("y_var", 4)];
-        for (name, length) in lengths.into_iter().chain([("v_var", 3), ("w_var", 3)]) {
+        let lengths = [
+            ("fu", 1),
+            ("fv", 1),
+            ("cu", 1),
+            ("cv", 1),
+            ("b", 1),
+            ("rho_v_c_v", 3),
+            ("C_c_v", 9),
+            ("y_var", 4),
+            ("v_var", 3),
+        ];
+        for (name, length) in lengths {
             if found.get(name).is_none_or(|numbers| numbers.len() != length) {
                 let reason = format!("it has no line {name} of {length} numbers");
                 return Err(LogError::NotThisFormat { path: path.to_owned(), reason, expected: EXPECTED });
@@ -116,7 +134,7 @@ impl Calibration {
         let number = |name| self.numbers::<1>(name)[0];
         let camera_from_rig = Matrix3::from_row_slice(&self.numbers::<9>("C_c_v"));
         let rotation = Rotation3::from_matrix_unchecked(camera_from_rig.transpose());
-        let mean = |name| self.numbers::<3>(name).iter().sum::<f64>() / 3.0;
+        let speed_variance = self.numbers::<3>("v_var").iter().sum::<f64>() / 3.0;
         let [u, v, ..] = self.numbers::<4>("y_var").map(f64::sqrt);
         let camera = Pinhole { focal: [number("fu"), number("fv")], centre: [number("cu"), number("cv")] };
         let (names, accuracy) = labels.named();
@@ -130,8 +148,8 @@ impl Calibration {
             position_per_metre: 0.0,
             rotation_per_metre: 0.0,
             rotation_per_radian: 0.0,
-            position_per_second: (mean("v_var") * INTERVAL).sqrt(),
-            rotation_per_second: (mean("w_var") * INTERVAL).sqrt(),
+            position_per_second: (speed_variance * INTERVAL).sqrt(),
+            rotation_per_second: TURN_NOISE * INTERVAL.sqrt(),
         };
         sensors
     }

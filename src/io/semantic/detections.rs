@@ -71,21 +71,16 @@ fn read_frames<D>(
 
 /// Class and score; `None` where the frame saw nothing. `numbers` are the columns of what was measured, and `score` that of
 /// the score.
-fn label(
-    row: &Row,
-    classes: &[String],
-    numbers: Range<usize>,
-    score: usize,
-) -> Result<Option<(usize, f64)>, String> {
+fn label(row: &Row, classes: &[String], numbers: Range<usize>, score: usize) -> Result<Option<(usize, f64)>, String> {
     let label = row.text(CLASS);
     if label.is_empty() {
         return match numbers.chain([score]).all(|column| row.text(column).is_empty()) {
             true => Ok(None),
-            false => {
-                Err("class is empty; name it, or leave score and what was measured empty too, which tells of a frame that \
+            false => Err(
+                "class is empty; name it, or leave score and what was measured empty too, which tells of a frame that \
                      saw nothing"
-                    .to_owned())
-            }
+                    .to_owned(),
+            ),
         };
     }
     let class = classes.iter().position(|name| name == label).ok_or_else(|| {
@@ -116,7 +111,9 @@ fn detection3(row: &Row, classes: &[String]) -> Result<Option<Detection3>, Strin
     let Some((class, score)) = label(row, classes, U..SCORE3, SCORE3)? else { return Ok(None) };
     let (pixel, disparity) = ([row.number(U)?, row.number(U + 1)?], row.number(U + 2)?);
     if disparity <= 0.0 {
-        return Err(format!("disparity is {disparity}; what is ahead of a camera has one above 0, and other rows are left out"));
+        return Err(format!(
+            "disparity is {disparity}; what is ahead of a camera has one above 0, and other rows are left out"
+        ));
     }
     Ok(Some(Detection3 { class, score, pixel, disparity }))
 }
@@ -127,7 +124,8 @@ pub(super) fn write(frames: &[Frame], classes: &[String], out: impl Write) -> st
 
 /// The same of a robot of space.
 pub(super) fn write3(frames: &[Frame<Detection3>], classes: &[String], out: impl Write) -> std::io::Result<()> {
-    let row = |&Detection3 { class, score, pixel: [u, v], disparity }: &Detection3| (class, score, vec![u, v, disparity]);
+    let row =
+        |&Detection3 { class, score, pixel: [u, v], disparity }: &Detection3| (class, score, vec![u, v, disparity]);
     write_frames(frames, classes, "u,v,disparity", out, row)
 }
 

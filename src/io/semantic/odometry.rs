@@ -16,7 +16,8 @@ const LAYOUTS3: [Layout; 2] = [
     Layout { required: &["t", "vx", "vy", "vz", "wx", "wy", "wz"], optional: &[] },
     Layout { required: &["t", "x", "y", "z", "qx", "qy", "qz", "qw"], optional: &[] },
 ];
-const EXPECTED3: &str = "odometry of space has the columns t,vx,vy,vz,wx,wy,wz (s, m/s, rad/s) or t,x,y,z,qx,qy,qz,qw (s, m)";
+const EXPECTED3: &str =
+    "odometry of space has the columns t,vx,vy,vz,wx,wy,wz (s, m/s, rad/s) or t,x,y,z,qx,qy,qz,qw (s, m)";
 const EXPECTED: &str = "odometry has the columns t,v,omega (s, m/s, rad/s) or t,x,y,heading (s, m, m, rad)";
 
 /// Odometry, and the names of columns that were left out.

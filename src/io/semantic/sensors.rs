@@ -2,7 +2,8 @@
 
 use super::invalid;
 use crate::detections::{
-    DetectionKind, DetectionNoise, Detector, Detector3, OdometryNoise, OdometryNoise3, PixelNoise, Sensors, Sensors3, View,
+    DetectionKind, DetectionNoise, Detector, Detector3, OdometryNoise, OdometryNoise3, PixelNoise, Sensors, Sensors3,
+    View,
 };
 use crate::geometry::{Pinhole, Pose, Pose3};
 use crate::io::read_text;
@@ -223,8 +224,9 @@ pub fn to_toml(sensors: &Sensors) -> std::io::Result<String> {
 /// The same for a robot of space.
 pub(super) fn write3(sensors: &Sensors3, mut out: impl Write) -> std::io::Result<()> {
     sensors.validate().map_err(|error| invalid(error.to_string()))?;
-    let Sensors3 { camera: Pinhole { focal, centre }, baseline, robot_from_camera: Pose3 { position, rotation }, .. } =
-        *sensors;
+    let Sensors3 {
+        camera: Pinhole { focal, centre }, baseline, robot_from_camera: Pose3 { position, rotation }, ..
+    } = *sensors;
     let label_accuracy = even_accuracy(&sensors.classes, &sensors.confusion);
     let quaternion = rotation.coords.into();
     let file = Sensors3File {
