@@ -23,7 +23,8 @@ const POSSIBLE: &str = "Formats, by the endings of the names:
          out: .json, .yaml (and .pgm), .geojson (walls), .svg (picture)
 
 Folders, by the files in them, become recordings of detections (a new folder):
-  MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition, Starry Night (--rows);
+  MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition, Starry Night (--rows),
+  KITTI tracking, KITTI odometry with simulated cars (--robot 5 or 6);
 or of a camera with an inertial sensor: imu_tracks.csv of GTSAM (EuRoC)";
 
 /// Writes a log or a map in another format, or a published set of detections as a recording.

@@ -11,7 +11,7 @@ use std::path::Path;
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Sets of detections")]
 pub struct DatasetArgs {
-    /// Robot, where the set has several
+    /// Robot, or drive, where the set has several
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     robot: Option<u32>,
     /// Classes that its landmarks are given in turn; 3 for MR.CLAM, else 1
@@ -20,7 +20,7 @@ pub struct DatasetArgs {
     /// Share of detections with a wrong class; 0.1 where there are several classes
     #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
     wrong_labels: Option<f64>,
-    /// Seed of the wrong classes; 1 by default
+    /// Seed of what is drawn, wrong classes for one; 1 by default
     #[arg(long, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// The first and the last row that is used, of Starry Night

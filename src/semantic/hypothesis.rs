@@ -12,8 +12,13 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 const GATE: f64 = 6.0;
 /// An assignment is not followed that is less likely than the best one of its frame by this \[nats\]: e⁻⁸ = 0.0003.
 const BRANCH_MARGIN: f64 = 8.0;
-/// With more landmarks than this, the one seen least is forgotten: a step takes time by the square of their number.
-const MAX_LANDMARKS: usize = 60;
+/// With more landmarks than this, those are forgotten that were seen less than [`KNOWN_BY`] times: many are clutter, and a step
+/// takes time by the square of their number.
+const MANY_LANDMARKS: usize = 60;
+/// A landmark that was seen so often is none of chance.
+const KNOWN_BY: usize = 4;
+/// With more landmarks than this, the one seen least is forgotten in any case.
+const MAX_LANDMARKS: usize = 250;
 
 /// A landmark of a hypothesis.
 #[derive(Clone, Debug)]
@@ -217,9 +222,7 @@ impl<W: World> Hypothesis<W> {
             landmark.classes.iter_mut().for_each(|share| *share /= sum);
             ids.push(landmark.id);
         }
-        while self.landmarks.len() > MAX_LANDMARKS {
-            self.forget_least();
-        }
+        while self.landmarks.len() > MANY_LANDMARKS && self.forget_least() {}
         ids
     }
 
@@ -259,14 +262,17 @@ impl<W: World> Hypothesis<W> {
         self.landmarks.len() - 1
     }
 
-    /// Forgets the landmark that was seen least, of equal ones the oldest.
-    fn forget_least(&mut self) {
+    /// Forgets the landmark that was seen least, of equal ones the oldest, if it may be forgotten.
+    fn forget_least(&mut self) -> bool {
+        let is_full = self.landmarks.len() > MAX_LANDMARKS;
         let least = self.landmarks.iter().enumerate().min_by_key(|(_, landmark)| landmark.sightings);
-        let Some(place) = least.map(|(place, _)| place) else { return };
+        let least = least.filter(|(_, landmark)| is_full || landmark.sightings < KNOWN_BY);
+        let Some(place) = least.map(|(place, _)| place) else { return false };
         self.landmarks.remove(place);
         let covariance = std::mem::replace(&mut self.covariance, DMatrix::zeros(0, 0));
         let first = Self::first(place);
         self.covariance = covariance.remove_rows(first, W::POINT).remove_columns(first, W::POINT);
+        true
     }
 }
 

@@ -17,6 +17,8 @@ use truth::{Ids, TrueLandmark};
 
 mod dlr;
 pub mod imu_tracks;
+mod kitti_odometry;
+mod kitti_tracking;
 mod lost_in_woods;
 mod mrclam;
 mod starry_night;
@@ -40,18 +42,22 @@ pub enum Dataset {
 pub enum Dataset3 {
     /// "Starry Night": a rig of two cameras over points of light (Barfoot, State Estimation for Robotics).
     StarryNight,
+    /// KITTI tracking: a car among cars, with boxes of a detector (Geiger, Lenz, Urtasun, CVPR 2012).
+    KittiTracking,
+    /// The way of KITTI odometry with parked cars, boxes and odometry that are simulated: semi-synthetic.
+    KittiOdometry,
 }
 
 /// What is chosen of a set; what is not is as the set is known best.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Options {
-    /// Which robot, where there are several.
+    /// Which robot or drive, where there are several.
     pub robot: Option<u32>,
     /// How many classes the landmarks have.
     pub classes: Option<usize>,
     /// Share of wrong labels.
     pub wrong_labels: Option<f64>,
-    /// Seed of the wrong labels; 1 by default.
+    /// Seed of what is drawn, wrong labels for one; 1 by default.
     pub seed: Option<u64>,
     /// The first and the last row that is used, where rows can be chosen; all by default.
     pub rows: Option<(usize, usize)>,
@@ -104,7 +110,13 @@ pub fn recognise(folder: &Path) -> Option<Dataset> {
 /// Which set of a robot of space is in a folder, by its files.
 pub fn recognise3(folder: &Path) -> Option<Dataset3> {
     let has = |name: &str| folder.join(name).is_file();
-    (has("stereo.csv") && has("calibration.txt") && has("odometry.csv")).then_some(Dataset3::StarryNight)
+    if has("stereo.csv") && has("calibration.txt") && has("odometry.csv") {
+        return Some(Dataset3::StarryNight);
+    }
+    if has("det2d_rrc_car.csv") && has("calib.txt") {
+        return Some(Dataset3::KittiTracking);
+    }
+    (has("05.txt") && has("05_times.txt")).then_some(Dataset3::KittiOdometry)
 }
 
 impl Dataset3 {
@@ -113,9 +125,23 @@ impl Dataset3 {
     /// # Errors
     /// As for [`Dataset::read`].
     pub fn read(self, folder: &Path, options: &Options) -> Result<Converted3, ConvertError> {
-        refuse_robot(options)?;
-        let Self::StarryNight = self;
-        Ok(starry_night::read(folder, &Labels::new("point", 1, options)?, options.rows)?)
+        if let (Some(_), Self::KittiTracking | Self::KittiOdometry) = (options.rows, self) {
+            return Err(ConfigError::value("--rows", "given", "left out, as all of this set is used").into());
+        }
+        let classes = options.classes.filter(|classes| *classes != 1 && self != Self::StarryNight);
+        if let Some(classes) = classes {
+            return Err(
+                ConfigError::value("--classes", classes, "left out, as all objects of this set are cars").into()
+            );
+        }
+        if self != Self::KittiOdometry {
+            refuse_robot(options)?;
+        }
+        Ok(match self {
+            Self::StarryNight => starry_night::read(folder, &Labels::new("point", 1, options)?, options.rows)?,
+            Self::KittiTracking => kitti_tracking::read(folder)?,
+            Self::KittiOdometry => kitti_odometry::read(folder, options.robot.unwrap_or(6), options)?,
+        })
     }
 }
 
