@@ -32,6 +32,9 @@ pub struct Sensors3 {
     pub camera: Pinhole,
     /// The distance of two cameras \[m\], or the height of the objects.
     pub baseline: f64,
+    /// How far the objects reach from their middle towards the camera \[m\]: boxes are drawn around what is near, and pixels are
+    /// of points, for which it is 0.
+    pub reach: f64,
     /// Where it is mounted.
     pub robot_from_camera: Pose3,
     /// Errors of detections.
@@ -110,6 +113,7 @@ impl Sensors3 {
             classes,
             camera,
             baseline,
+            reach: 0.0,
             robot_from_camera: Pose3::identity(),
             noise: PixelNoise::default(),
             detector: Detector3::default(),
@@ -127,16 +131,22 @@ impl Sensors3 {
         self.detector.check("detector")?;
         self.odometry.check("odometry")?;
         check("camera.baseline", self.baseline, 1e-6..=1e3)?;
+        check("camera.reach", self.reach, 0.0..=1e3)?;
         self.camera.focal.into_iter().try_for_each(|focal| check("camera.focal", focal, 1e-3..=1e6))?;
         self.camera.centre.into_iter().try_for_each(|centre| check("camera.centre", centre, -1e6..=1e6))?;
         let position = self.robot_from_camera.position;
         position.iter().try_for_each(|number| check("camera.position", *number, -1e3..=1e3))
     }
 
+    /// How far ahead of the camera the middle of an object is \[m\].
+    pub fn depth(&self, seen: &Detection3) -> f64 {
+        self.camera.focal[0] * self.baseline / seen.disparity + self.reach
+    }
+
     /// Where the object of a detection is, in the robot's frame \[m\].
     pub fn position(&self, seen: &Detection3) -> Point3<f64> {
-        let depth = self.camera.focal[0] * self.baseline / seen.disparity;
-        self.robot_from_camera * (self.camera.ray(seen.pixel.into()) * depth)
+        let (ray, depth) = (self.camera.ray(seen.pixel.into()), self.depth(seen));
+        self.robot_from_camera * Point3::new(ray.x * depth, ray.y * (depth - self.reach), depth)
     }
 }
 
@@ -316,6 +326,8 @@ mod tests {
         let sensors = Sensors3::new(vec!["box".to_owned()], 1.0, camera, 0.2);
         let seen = Detection3 { class: 0, score: 1.0, pixel: [320.0 + 125.0, 240.0 + 50.0], disparity: 25.0 };
         assert!((sensors.position(&seen) - Point3::new(1.0, 0.5, 4.0)).norm() < 1e-12);
+        let deep = Sensors3 { reach: 1.0, ..sensors.clone() };
+        assert!((deep.position(&seen) - Point3::new(1.25, 0.5, 5.0)).norm() < 1e-12);
         assert!(sensors.validate().is_ok() && Sensors3 { baseline: 0.0, ..sensors }.validate().is_err());
     }
 }

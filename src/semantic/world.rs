@@ -370,7 +370,7 @@ impl World for Space {
     fn error(recording: &Recording3) -> f64 {
         let sensors = &recording.sensors;
         let error = |seen: &Detection3| {
-            let depth = sensors.camera.focal[0] * sensors.baseline / seen.disparity;
+            let depth = sensors.depth(seen);
             let [u, v, disparity] = sensors.noise.at(seen.disparity);
             let across = u.max(v) / sensors.camera.focal[0];
             depth * across.max(disparity / seen.disparity)
@@ -464,8 +464,8 @@ impl World for Space {
 }
 
 fn stereo_camera(sensors: &Sensors3) -> StereoCamera {
-    let Sensors3 { camera, baseline, robot_from_camera, .. } = *sensors;
-    StereoCamera { pinhole: camera, baseline, robot_from_camera }
+    let Sensors3 { camera, baseline, reach, robot_from_camera, .. } = *sensors;
+    StereoCamera { pinhole: camera, baseline, reach, robot_from_camera }
 }
 
 /// \[pixels³\]; of a view that is flat, as if each side had a pixel.

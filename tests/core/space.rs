@@ -200,7 +200,7 @@ fn jacobians_are_the_derivatives_of_residuals() {
     check!("sighting", Sighting3::new(to, point, Point3::new(2.0, 1.0, 0.4), sensor));
     let camera = Pinhole { focal: [1.2, 1.1], centre: [0.4, 0.3] };
     check!("projection", Projection::new(to, point, Point2::new(0.7, 0.2), camera, sensor));
-    let camera = StereoCamera { pinhole: camera, baseline: 0.3, robot_from_camera: sensor };
+    let camera = StereoCamera { pinhole: camera, baseline: 0.3, reach: 0.2, robot_from_camera: sensor };
     check!("stereo", Stereo::new(to, point, Vector3::new(0.7, 0.2, 0.1), camera));
     let calibration = values.add_vector(&[0.9, 1.2]);
     let values = values;

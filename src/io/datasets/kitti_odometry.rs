@@ -6,7 +6,7 @@
 //! before its middle; its box errs by 3 and 2 pixels and by 2 pixels and 5 % in height. Every twentieth picture has a false box.
 //! Odometry is 3 % wrong in scale, and drifts.
 
-use super::kitti_tracking::{CAR_HEIGHT, pose_of, set_noise};
+use super::kitti_tracking::{CAR_HEIGHT, CAR_REACH, pose_of, set_noise};
 use super::{Converted3, Options, numbers};
 use crate::detections::{Detection3, Frame, Odometry3, Recording3, Sensors3};
 use crate::geometry::{Pinhole, Pose3, StampedPose3};
@@ -113,8 +113,10 @@ fn detect(
     let mut shown: Vec<(f64, f64)> = Vec::new();
     let mut boxes = Vec::new();
     for (id, seen) in ahead {
-        let [u, v] = [0, 1].map(|axis| CAMERA.focal[axis] * seen[axis] / seen.z + CAMERA.centre[axis]);
-        let [width, height] = [WIDTH, CAR_HEIGHT].map(|size| CAMERA.focal[0] * size / seen.z);
+        let near = seen.z - CAR_REACH;
+        let u = CAMERA.focal[0] * seen.x / seen.z + CAMERA.centre[0];
+        let v = CAMERA.focal[1] * seen.y / near + CAMERA.centre[1];
+        let [width, height] = [WIDTH, CAR_HEIGHT].map(|size| CAMERA.focal[0] * size / near);
         let is_whole = (width / 2.0..PICTURE[0] - width / 2.0).contains(&u)
             && (height / 2.0..PICTURE[1] - height / 2.0).contains(&v);
         let is_hidden = shown.iter().any(|(middle, width)| (u - middle).abs() < width / 2.0);

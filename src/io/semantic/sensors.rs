@@ -82,6 +82,8 @@ struct CameraTable {
     centre: [f64; 2],
     baseline: f64,
     #[serde(default)]
+    reach: f64,
+    #[serde(default)]
     position: [f64; 3],
     #[serde(default = "unturned")]
     quaternion: [f64; 4],
@@ -152,12 +154,13 @@ fn resolve(file: SensorsFile) -> Result<Sensors, ConfigError> {
 
 fn resolve3(file: Sensors3File) -> Result<Sensors3, ConfigError> {
     let Sensors3File { kind: _, classes, label_accuracy, confusion, camera, noise, detector, odometry } = file;
-    let CameraTable { focal, centre, baseline, position, quaternion: [x, y, z, w] } = camera;
+    let CameraTable { focal, centre, baseline, reach, position, quaternion: [x, y, z, w] } = camera;
     let rotation = Quaternion::new(w, x, y, z);
     check("camera.quaternion", rotation.norm(), 0.99..=1.01)?;
     let accuracy = accuracy(label_accuracy, confusion.as_ref())?;
     let mut sensors = Sensors3::new(classes, accuracy, Pinhole { focal, centre }, baseline);
     sensors.confusion = confusion.unwrap_or(sensors.confusion);
+    sensors.reach = reach;
     sensors.robot_from_camera = Pose3::new(Point3::from(position), Unit::new_normalize(rotation));
     sensors.noise = noise;
     sensors.detector = detector;
@@ -234,7 +237,7 @@ pub(super) fn write3(sensors: &Sensors3, mut out: impl Write) -> std::io::Result
         classes: sensors.classes.clone(),
         label_accuracy,
         confusion: label_accuracy.is_none().then(|| sensors.confusion.clone()),
-        camera: CameraTable { focal, centre, baseline, position: position.into(), quaternion },
+        camera: CameraTable { focal, centre, baseline, reach: sensors.reach, position: position.into(), quaternion },
         noise: sensors.noise,
         detector: sensors.detector,
         odometry: sensors.odometry,
