@@ -82,6 +82,10 @@ parameters! {
         position_per_second: f64 = 0.001, in 0.0..=10.0;
         /// Of the orientation, after one second \[rad/√s\].
         rotation_per_second: f64 = 0.001, in 0.0..=10.0;
+        /// Of the scale of the way, which is found.
+        scale: f64 = 0.1, in 1e-6..=1.0;
+        /// Of the scale of turns, which is found.
+        turn_scale: f64 = 0.1, in 1e-6..=1.0;
     }
 }
 

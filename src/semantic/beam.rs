@@ -56,7 +56,7 @@ pub struct Beam<'a, W: World> {
 impl<'a, W: World> Beam<'a, W> {
     /// Nothing seen yet; `log_new` is the log-density of landmarks that are new.
     pub fn new(model: &'a SensorModel<'a, W>, log_new: f64, config: &SemanticConfig) -> Self {
-        let (hypotheses, past, candidates) = (vec![Hypothesis::start()], Vec::new(), Vec::new());
+        let (hypotheses, past, candidates) = (vec![Hypothesis::start(model)], Vec::new(), Vec::new());
         Self { model, log_new, count: config.beam, branches: config.branches, hypotheses, past, candidates }
     }
 
@@ -134,7 +134,7 @@ pub fn forward_known<W: World>(
     keyframes: &[Keyframe<W>],
     object: impl Fn(usize, usize) -> Option<u64>,
 ) -> Pass<W> {
-    let mut hypothesis = Hypothesis::start();
+    let mut hypothesis = Hypothesis::start(model);
     // Of each object its number, and the landmark that it is in the filter, which may forget it and map it anew.
     let mut objects: BTreeMap<u64, (usize, usize)> = BTreeMap::new();
     let (mut poses, mut assignments) = (Vec::new(), Vec::new());

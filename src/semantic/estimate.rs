@@ -91,7 +91,7 @@ impl<W: World> Estimate<W> {
                 associate(&table, Policy::Hungarian).log_likelihood
             })
             .sum();
-        let prior = 0.5 * self.calibrated_by().map(|off| off * off).sum::<f64>();
+        let prior = 0.5 * self.calibrated_by(model).map(|off| off * off).sum::<f64>();
         let odometry = self.odometry_cost(model, keyframes);
         // A landmark costs the same for each of its coordinates.
         let landmark_cost = landmark_cost / Plane::POINT as f64 * W::POINT as f64;
@@ -99,8 +99,8 @@ impl<W: World> Estimate<W> {
     }
 
     /// The change that calibration makes of each number \[standard deviations of its prior\].
-    pub fn calibrated_by(&self) -> impl Iterator<Item = f64> {
-        let (calibrated, sigmas) = (W::CALIBRATED, W::CALIBRATION_SIGMAS);
+    pub fn calibrated_by(&self, model: &SensorModel<'_, W>) -> impl Iterator<Item = f64> {
+        let (calibrated, sigmas) = (W::CALIBRATED, model.calibration_sigmas());
         let off = move |axis| (self.calibration.as_ref()[axis] - calibrated.as_ref()[axis]) / sigmas.as_ref()[axis];
         (0..sigmas.as_ref().len()).map(off)
     }

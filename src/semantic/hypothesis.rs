@@ -12,13 +12,13 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 const GATE: f64 = 6.0;
 /// An assignment is not followed that is less likely than the best one of its frame by this \[nats\]: e⁻⁸ = 0.0003.
 const BRANCH_MARGIN: f64 = 8.0;
-/// With more landmarks than this, those are forgotten that were seen less than [`KNOWN_BY`] times: many are clutter, and a step
-/// takes time by the square of their number.
-const MANY_LANDMARKS: usize = 60;
 /// A landmark that was seen so often is none of chance.
 const KNOWN_BY: usize = 4;
-/// With more landmarks than this, the one seen least is forgotten in any case.
-const MAX_LANDMARKS: usize = 250;
+/// Of the others, so many are kept, the newest of those seen most: many are clutter, and a step takes time by the square of their
+/// number.
+const MAX_DOUBTFUL: usize = 45;
+/// As many landmarks are known at most; of more, the one seen least is forgotten.
+const MAX_KNOWN: usize = 200;
 
 /// A landmark of a hypothesis.
 #[derive(Clone, Debug)]
@@ -74,8 +74,8 @@ struct Pairs<W: World> {
 
 impl<W: World> Hypothesis<W> {
     /// Nothing seen yet; the world's origin is where the robot is.
-    pub fn start() -> Self {
-        let sigmas = W::CALIBRATION_SIGMAS;
+    pub fn start(model: &SensorModel<'_, W>) -> Self {
+        let sigmas = model.calibration_sigmas();
         let known = std::iter::repeat_n(0.0, W::POSE);
         let variances: Vec<f64> = known.chain(sigmas.as_ref().iter().map(|sigma| sigma * sigma)).collect();
         Self {
@@ -222,7 +222,8 @@ impl<W: World> Hypothesis<W> {
             landmark.classes.iter_mut().for_each(|share| *share /= sum);
             ids.push(landmark.id);
         }
-        while self.landmarks.len() > MANY_LANDMARKS && self.forget_least() {}
+        self.forget(MAX_DOUBTFUL, |landmark| landmark.sightings < KNOWN_BY);
+        self.forget(MAX_KNOWN, |landmark| landmark.sightings >= KNOWN_BY);
         ids
     }
 
@@ -262,17 +263,16 @@ impl<W: World> Hypothesis<W> {
         self.landmarks.len() - 1
     }
 
-    /// Forgets the landmark that was seen least, of equal ones the oldest, if it may be forgotten.
-    fn forget_least(&mut self) -> bool {
-        let is_full = self.landmarks.len() > MAX_LANDMARKS;
-        let least = self.landmarks.iter().enumerate().min_by_key(|(_, landmark)| landmark.sightings);
-        let least = least.filter(|(_, landmark)| is_full || landmark.sightings < KNOWN_BY);
-        let Some(place) = least.map(|(place, _)| place) else { return false };
-        self.landmarks.remove(place);
-        let covariance = std::mem::replace(&mut self.covariance, DMatrix::zeros(0, 0));
-        let first = Self::first(place);
-        self.covariance = covariance.remove_rows(first, W::POINT).remove_columns(first, W::POINT);
-        true
+    /// Forgets those of some landmarks that were seen least, of equal ones the oldest, until so many are left.
+    fn forget(&mut self, most: usize, is_one: impl Fn(&Tracked<W>) -> bool) {
+        while self.landmarks.iter().filter(|landmark| is_one(landmark)).count() > most {
+            let ones = self.landmarks.iter().enumerate().filter(|(_, landmark)| is_one(landmark));
+            let Some((place, _)) = ones.min_by_key(|(_, landmark)| landmark.sightings) else { return };
+            self.landmarks.remove(place);
+            let covariance = std::mem::replace(&mut self.covariance, DMatrix::zeros(0, 0));
+            let first = Self::first(place);
+            self.covariance = covariance.remove_rows(first, W::POINT).remove_columns(first, W::POINT);
+        }
     }
 }
 

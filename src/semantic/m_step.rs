@@ -47,7 +47,7 @@ impl Problem {
             }
             (Some(first), None) => {
                 graph.add(W::origin().prior(*first), Noise::sigmas(&vec![ORIGIN_SIGMA; W::POSE])?)?;
-                let sigmas = Noise::sigmas(W::CALIBRATION_SIGMAS.as_ref())?;
+                let sigmas = Noise::sigmas(model.calibration_sigmas().as_ref())?;
                 graph.add(Prior::vector(calibration, W::CALIBRATED.as_ref()), sigmas)?;
             }
             (None, _) => {}

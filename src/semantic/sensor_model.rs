@@ -22,6 +22,8 @@ pub struct SensorModel<'a, W: World> {
     /// The least and the largest of each number that a detection can have.
     view: [W::Numbers; 2],
     confusion: DMatrix<f64>,
+    clutter_density: f64,
+    new_density: f64,
     /// How far a detection typically errs \[m\].
     pub error: f64,
 }
@@ -36,7 +38,14 @@ impl<'a, W: World> SensorModel<'a, W> {
             row.and_then(|row| row.get(label)).map_or(MIN_CONFUSION, |share| share.max(MIN_CONFUSION))
         };
         let confusion = DMatrix::from_fn(classes.len(), classes.len(), entry);
-        Self { sensors, view: W::view(recording), confusion, error: W::error(recording) }
+        Self {
+            sensors,
+            view: W::view(recording),
+            confusion,
+            clutter_density: W::clutter_density(recording),
+            new_density: W::new_density(recording),
+            error: W::error(recording),
+        }
     }
 
     /// How many classes there are.
@@ -61,12 +70,12 @@ impl<'a, W: World> SensorModel<'a, W> {
 
     /// The log-density of false detections of any label.
     pub fn log_clutter(&self) -> f64 {
-        self.log_density_of_any_label(W::clutter_density(self.sensors, self.view))
+        self.log_density_of_any_label(self.clutter_density)
     }
 
     /// The log-density of detections of new landmarks, of any label, where it is so many \[1/(m rad)\] in the plane.
     pub fn log_new(&self, density: f64) -> f64 {
-        self.log_density_of_any_label(W::new_density(density, self.view))
+        self.log_density_of_any_label(density * self.new_density)
     }
 
     fn log_density_of_any_label(&self, density: f64) -> f64 {
@@ -113,6 +122,11 @@ impl<'a, W: World> SensorModel<'a, W> {
         let mut variances = W::motion_variances(self.sensors, motion);
         variances.iter_mut().for_each(|variance| *variance = variance.max(MIN_MOTION_SIGMA * MIN_MOTION_SIGMA));
         variances
+    }
+
+    /// Standard deviations of the odometry's calibration before anything was seen.
+    pub fn calibration_sigmas(&self) -> W::Calibration {
+        W::calibration_sigmas(self.sensors)
     }
 
     /// The sensors as they are described.

@@ -59,7 +59,7 @@ impl Verdict {
             unseen: unseen(model, keyframes, estimate),
             detection_error,
             odometry_error: 2.0 * estimate.odometry_cost(model, keyframes) / (W::POSE * steps) as f64,
-            calibration: estimate.calibrated_by().map(f64::abs).fold(0.0, f64::max),
+            calibration: estimate.calibrated_by(model).map(f64::abs).fold(0.0, f64::max),
             agreeing_runs,
         }
     }

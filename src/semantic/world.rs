@@ -6,7 +6,7 @@ use crate::factor_graph::{
     Factor, Odometry, Odometry3, Prediction, RangeBearing, Stereo, StereoCamera, Value, VariableId,
 };
 use crate::geometry::{Pose, Pose3};
-use nalgebra::{DMatrix, Point2, Point3, SMatrix, Vector3, Vector6};
+use nalgebra::{DMatrix, Matrix3, Point2, Point3, SMatrix, Vector3, Vector6};
 use std::f64::consts::{PI, TAU};
 use std::fmt::Debug;
 use std::ops::Mul;
@@ -15,6 +15,9 @@ use std::ops::Mul;
 const INSIDE: f64 = 3.0;
 /// A sensor looks ahead, and not all round, if it saw nothing in so wide a sector to each side of straight behind \[rad\].
 const OPEN: f64 = 0.5;
+/// Standard deviations of forward scale, turn scale and curvature \[rad/m\]. Wheels and tracks that were never measured are off by
+/// about a tenth, and pull to one side by a few degrees a metre.
+const CALIBRATION_SIGMAS: [f64; 3] = [0.1, 0.1, 0.05];
 /// The view that densities of new landmarks are meant for \[m rad\]: six metres far, and two radians wide.
 const USUAL_VIEW: f64 = 12.0;
 
@@ -86,8 +89,6 @@ pub trait World: Copy + Debug + PartialEq + Send + Sync + 'static {
     const POINT: usize;
     /// The calibration of odometry that tells the truth.
     const CALIBRATED: Self::Calibration;
-    /// Its standard deviations before anything was seen. Wheels and tracks that were never measured are off by about a tenth.
-    const CALIBRATION_SIGMAS: Self::Calibration;
     /// ln of the largest value of the density whose negative logarithm is the loss, at unit variances.
     const LOG_PEAK: f64;
 
@@ -106,11 +107,12 @@ pub trait World: Copy + Debug + PartialEq + Send + Sync + 'static {
     fn view(recording: &Self::Recording) -> [Self::Numbers; 2];
     /// How far a detection typically errs \[m\].
     fn error(recording: &Self::Recording) -> f64;
-
-    /// The density of false detections in a view.
-    fn clutter_density(sensors: &Self::Sensors, view: [Self::Numbers; 2]) -> f64;
-    /// The density of new landmarks in a view, where it is `density` in the plane \[1/(m rad)\].
-    fn new_density(density: f64, view: [Self::Numbers; 2]) -> f64;
+    /// The density of false detections.
+    fn clutter_density(recording: &Self::Recording) -> f64;
+    /// The density of new landmarks is this many times that of the plane.
+    fn new_density(recording: &Self::Recording) -> f64;
+    /// Standard deviations of the odometry's calibration before anything was seen.
+    fn calibration_sigmas(sensors: &Self::Sensors) -> Self::Calibration;
 
     /// The class that the detector names.
     fn label(seen: &Self::Detection) -> usize;
@@ -175,9 +177,8 @@ impl World for Plane {
 
     const POSE: usize = 3;
     const POINT: usize = 2;
-    /// Forward scale, turn scale, curvature \[rad/m\]. Wheels pull to one side by a few degrees a metre.
+    /// Forward scale, turn scale, curvature \[rad/m\].
     const CALIBRATED: [f64; 3] = Odometry::CALIBRATED;
-    const CALIBRATION_SIGMAS: [f64; 3] = [0.1, 0.1, 0.05];
     /// (1 - 2/c²) / (2π): Student's distribution of the plane.
     const LOG_PEAK: f64 = -2.089_191_494_690_252;
 
@@ -224,12 +225,16 @@ impl World for Plane {
         noise.range.hypot(noise.position)
     }
 
-    fn clutter_density(sensors: &Sensors, _: [[f64; 2]; 2]) -> f64 {
-        sensors.detector.clutter_density
+    fn clutter_density(recording: &Recording) -> f64 {
+        recording.sensors.detector.clutter_density
     }
 
-    fn new_density(density: f64, _: [[f64; 2]; 2]) -> f64 {
-        density
+    fn new_density(_: &Recording) -> f64 {
+        1.0
+    }
+
+    fn calibration_sigmas(_: &Sensors) -> [f64; 3] {
+        CALIBRATION_SIGMAS
     }
 
     fn label(seen: &Detection) -> usize {
@@ -331,7 +336,6 @@ impl World for Space {
     const POINT: usize = 3;
     /// Scale and turn scale.
     const CALIBRATED: [f64; 2] = Odometry3::CALIBRATED;
-    const CALIBRATION_SIGMAS: [f64; 2] = [0.1, 0.1];
     /// Γ(c²/2) / Γ(c²/2 - 3/2) / (π c²)^(3/2): Student's distribution of space.
     const LOG_PEAK: f64 = -3.252_342_304_495_932_5;
 
@@ -380,12 +384,16 @@ impl World for Space {
         errors.get(errors.len() / 2).copied().unwrap_or(0.0)
     }
 
-    fn clutter_density(sensors: &Sensors3, view: [[f64; 3]; 2]) -> f64 {
-        sensors.detector.clutter / volume(view)
+    fn clutter_density(recording: &Recording3) -> f64 {
+        recording.sensors.detector.clutter / volume(recording)
     }
 
-    fn new_density(density: f64, view: [[f64; 3]; 2]) -> f64 {
-        density * USUAL_VIEW / volume(view)
+    fn new_density(recording: &Recording3) -> f64 {
+        USUAL_VIEW / volume(recording)
+    }
+
+    fn calibration_sigmas(sensors: &Sensors3) -> [f64; 2] {
+        [sensors.odometry.scale, sensors.odometry.turn_scale]
     }
 
     fn label(seen: &Detection3) -> usize {
@@ -468,7 +476,16 @@ fn stereo_camera(sensors: &Sensors3) -> StereoCamera {
     StereoCamera { pinhole: camera, baseline, reach, robot_from_camera }
 }
 
-/// \[pixels³\]; of a view that is flat, as if each side had a pixel.
-fn volume([least, most]: [[f64; 3]; 2]) -> f64 {
-    least.iter().zip(&most).map(|(least, most)| (most - least).max(1.0)).product()
+/// How much room detections take in the picture \[pixels³\]: that of the box in which they would be spread evenly, with the same
+/// covariance. False detections and new objects are where detections are, and not in the sky.
+fn volume(recording: &Recording3) -> f64 {
+    let seen =
+        || recording.frames.iter().flat_map(|frame| &frame.detections).map(|seen| Vector3::from(Space::numbers(seen)));
+    let count = seen().count().max(1) as f64;
+    let mean = seen().sum::<Vector3<f64>>() / count;
+    let covariance: Matrix3<f64> =
+        seen().map(|seen| (seen - mean) * (seen - mean).transpose()).sum::<Matrix3<f64>>() / count;
+    // Of a flat one, as if it were a pixel thick.
+    let variances = covariance.symmetric_eigenvalues();
+    variances.iter().map(|variance| (12.0 * variance).max(1.0).sqrt()).product()
 }

@@ -44,6 +44,8 @@ pub(super) fn set_noise(sensors: &mut Sensors3) {
         position_per_metre: 0.02,
         rotation_per_metre: 0.001,
         rotation_per_radian: 0.01,
+        scale: 0.03,
+        turn_scale: 0.003,
         ..OdometryNoise3::default()
     };
 }

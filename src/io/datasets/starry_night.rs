@@ -150,6 +150,7 @@ impl Calibration {
             rotation_per_radian: 0.0,
             position_per_second: (speed_variance * INTERVAL).sqrt(),
             rotation_per_second: TURN_NOISE * INTERVAL.sqrt(),
+            ..OdometryNoise3::default()
         };
         sensors
     }
