@@ -1,27 +1,31 @@
-//! Semantic SLAM in the plane by expectation maximisation (S. L. Bowman, N. Atanasov, K. Daniilidis, G. J. Pappas,
+//! Semantic SLAM by expectation maximisation, in the plane and in space (S. L. Bowman, N. Atanasov, K. Daniilidis, G. J. Pappas,
 //! "Probabilistic Data Association for Semantic SLAM", ICRA 2017).
 //!
-//! A recording holds odometry and detections: objects of a class at a range and bearing, and nobody tells which object.
-//! Wanted are the path x, the landmarks l with their classes, and which detection shows which landmark. The paper takes
+//! A recording holds odometry and detections: objects of a class at a range and bearing, or in space at a pixel and a
+//! disparity, and nobody tells which object. Wanted are the path x, the landmarks l with their classes, and which detection shows which landmark. The paper takes
 //! the last one for a hidden variable D:
 //!
 //! - E step (eq. 5): w_kj = Σ over assignments D with D(k) = j of p(D | x, l, detections), for every keyframe.
 //! - M step (eq. 6): x, l = arg min Σ w_kj ρ(detection k less landmark j as seen) + odometry.
 //!
 //! Here both go over all keyframes in each sweep, where the paper weighs a keyframe once; ρ is Cauchy's loss, and the
-//! odometry's calibration (forward scale, turn scale, curvature) is estimated with the path, and so is how often an object in
+//! odometry's calibration (scale, turn scale, in the plane curvature) is estimated with the path, and so is how often an object in
 //! view is detected: a map is wrong where its objects are in view and not seen.
 //!
 //! EM polishes and does not rescue: it needs a start in the right basin. That is found by a beam of hypotheses in a forward
 //! pass, run with several densities of new landmarks. The sweeps polish each run, landmarks mapped twice are merged, clutter
 //! is dropped, and the run of the highest objective is the result.
 //!
+//! All of it is written once. A [`World`] is what differs: what poses are, how they move, and how a landmark is seen.
+//!
 //! | File | Task |
 //! |---|---|
 //! | `config` | what can be set |
+//! | `world` | the plane and space |
 //! | `keyframes` | the moments whose pose is estimated |
 //! | `sensor_model` | densities of detections and motions |
 //! | `hypothesis`, `beam` | the forward pass |
+//! | `linear` | the algebra of its filter |
 //! | `window` | the same online, a few keyframes at a time |
 //! | `estimate` | path, map, weights, and the objective |
 //! | `history` | how the result came about |
