@@ -49,6 +49,9 @@ pub struct Moved<P> {
     pub by_calibration: DMatrix<f64>,
 }
 
+/// The stamp of a frame \[s\], and the detections in view with their numbers in the frame.
+pub type Seen<D> = (f64, Vec<(usize, D)>);
+
 impl<P> Moved<P> {
     fn new<const N: usize, const C: usize>(
         pose: P,
@@ -98,8 +101,8 @@ pub trait World: Copy + Debug + PartialEq + Send + Sync + 'static {
     fn detection_probability(sensors: &Self::Sensors) -> f64;
     /// The sensors of a recording.
     fn sensors(recording: &Self::Recording) -> &Self::Sensors;
-    /// The stamp of each frame, and its detections in view with their numbers in the frame.
-    fn frames(recording: &Self::Recording) -> Vec<(f64, Vec<(usize, Self::Detection)>)>;
+    /// All frames.
+    fn frames(recording: &Self::Recording) -> Vec<Seen<Self::Detection>>;
     /// The motion between two stamps, by odometry.
     fn motion(recording: &Self::Recording, from: f64, to: f64) -> Motion<Self::Pose>;
     /// The least and the largest of each number that a detection can have. Where the description leaves that open, nothing was
@@ -194,7 +197,7 @@ impl World for Plane {
         &recording.sensors
     }
 
-    fn frames(recording: &Recording) -> Vec<(f64, Vec<(usize, Detection)>)> {
+    fn frames(recording: &Recording) -> Vec<Seen<Detection>> {
         let in_view =
             |frame: &Frame| frame.in_view(recording.sensors.view).map(|(number, seen)| (number, *seen)).collect();
         recording.frames.iter().map(|frame| (frame.stamp, in_view(frame))).collect()
@@ -351,7 +354,7 @@ impl World for Space {
         &recording.sensors
     }
 
-    fn frames(recording: &Recording3) -> Vec<(f64, Vec<(usize, Detection3)>)> {
+    fn frames(recording: &Recording3) -> Vec<Seen<Detection3>> {
         let all = |frame: &Frame<Detection3>| frame.detections.iter().copied().enumerate().collect();
         recording.frames.iter().map(|frame| (frame.stamp, all(frame))).collect()
     }

@@ -107,8 +107,40 @@ fn starry_night_is_converted() {
     assert!(error < 0.5 * none.rotation.angle_to(&true_motion.rotation), "{error}");
 }
 
+/// The middle of a box is where the true pose puts the car, to a fifth of its size.
+fn kitti_is_converted() {
+    let tracking = data_folder().join("semantic/kitti_tracking/0005");
+    let odometry = data_folder().join("semantic/kitti_odometry_poses");
+    assert_eq!(datasets::recognise3(&tracking), Some(Dataset3::KittiTracking));
+    assert_eq!(datasets::recognise3(&odometry), Some(Dataset3::KittiOdometry));
+    let drive = |robot, seed| Options { robot, seed, ..Options::default() };
+    let real = Dataset3::KittiTracking.read(&tracking, &drive(None, None)).unwrap();
+    let made = Dataset3::KittiOdometry.read(&odometry, &drive(Some(6), Some(3))).unwrap();
+    assert_eq!((real.recording.frames.len(), real.landmarks.len()), (297, 22));
+    for converted in [&real, &made] {
+        let sensors = &converted.recording.sensors;
+        let (mut off, mut depths) = (Vec::new(), Vec::new());
+        for ((frame, ids), pose) in converted.recording.frames.iter().zip(&converted.ids).zip(&converted.trajectory) {
+            assert!((frame.stamp - pose.stamp).abs() < 1e-9);
+            for (seen, id) in frame.detections.iter().zip(ids) {
+                let Some(car) = converted.landmarks.iter().find(|car| Some(car.id) == *id) else { continue };
+                let place = (pose.pose * sensors.robot_from_camera).inverse() * car.position;
+                let u = sensors.camera.focal[0] * place.x / place.z + sensors.camera.centre[0];
+                off.push((u - seen.pixel[0]).abs() / seen.disparity);
+                depths.push((sensors.depth(seen) / place.z - 1.0).abs());
+            }
+        }
+        off.sort_by(f64::total_cmp);
+        depths.sort_by(f64::total_cmp);
+        let (off, depth) = (off[off.len() / 2], depths[depths.len() / 2]);
+        assert!(depths.len() > 400 && off < 0.2 && depth < 0.1, "{off} of the height, {depth} of the depth");
+    }
+    assert!(Dataset3::KittiOdometry.read(&odometry, &drive(Some(6), Some(3))).unwrap() == made);
+    assert!(Dataset3::KittiOdometry.read(&odometry, &drive(Some(6), Some(4))).unwrap() != made);
+}
+
 crate::needs::trials! {
     "semantic_space":
     Nothing { a_folder_of_space_is_read, what_is_wrong_with_a_folder_of_space_is_told }
-    Data { starry_night_is_converted }
+    Data { starry_night_is_converted, kitti_is_converted }
 }

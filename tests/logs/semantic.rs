@@ -4,7 +4,8 @@ use crate::needs::data_folder;
 use ipslam::io::datasets::{Dataset, Dataset3, Options};
 use ipslam::metrics::space::space_errors;
 use ipslam::metrics::trajectory::reference_errors;
-use ipslam::semantic::{SemanticConfig, map};
+use ipslam::semantic::{SemanticConfig, SemanticMap, Space, map, map_known};
+use std::collections::BTreeMap;
 
 /// Robot 5 took no part in choosing anything. Label seeds 1 to 5 have 0.099 or 0.100 m, and a landmark for each of 15 tubes.
 fn tubes_of_three_classes_are_mapped() {
@@ -45,7 +46,52 @@ fn points_of_light_are_mapped_in_space() {
     assert!(found.verdict.is_consistent(), "{:?}", found.verdict);
 }
 
+/// Boxes of a detector around cars, and visual odometry. No place is seen twice: what is gained is the scale of the way.
+fn cars_are_mapped_from_boxes() {
+    let folder = data_folder().join("semantic/kitti_tracking/0007");
+    let read = Dataset3::KittiTracking.read(&folder, &Options::default()).unwrap();
+    let rms = |trajectory: &[_]| space_errors(&read.trajectory, trajectory).unwrap().position.rmse;
+    let reckoned = read.recording.odometry.dead_reckoning(read.trajectory.iter().map(|pose| pose.stamp));
+    let config = SemanticConfig { beam: 8, ..SemanticConfig::default() };
+    let found: SemanticMap<Space> = map(&read.recording, &config, &|_| ()).unwrap();
+    let (alone, mapped) = (rms(&reckoned), rms(&found.trajectory3()));
+    println!("odometry alone {alone:.2} m, mapped {mapped:.2} m with {} landmarks", found.landmarks.len());
+    assert!(mapped < 0.9 * alone, "odometry alone {alone} m, mapped {mapped} m");
+    assert!(found.verdict.is_consistent(), "{:?}", found.verdict);
+
+    // By car, then by landmark, the weight.
+    let mut of_car: BTreeMap<u64, BTreeMap<usize, f64>> = BTreeMap::new();
+    for weight in &found.weights {
+        if let Some(car) = read.ids[weight.frame][weight.detection] {
+            *of_car.entry(car).or_default().entry(weight.landmark).or_default() += weight.weight;
+        }
+    }
+    let stands = |car: &u64| read.landmarks.iter().any(|landmark| landmark.id == *car);
+    let most = |weights: &BTreeMap<usize, f64>| weights.values().copied().fold(0.0, f64::max);
+    let sum = |weights: &BTreeMap<usize, f64>| weights.values().sum::<f64>();
+    let parked = || of_car.iter().filter(|(car, _)| stands(car)).map(|(_, weights)| weights);
+    let right = parked().map(most).sum::<f64>() / parked().map(sum).sum::<f64>();
+    assert!(right > 0.95 && parked().count() > 40, "{right} of the boxes of {} cars", parked().count());
+    let driving = of_car.iter().filter(|(car, weights)| !stands(car) && most(weights) > 2.0).count();
+    assert!(driving <= 4, "{driving} cars that drive are on the map");
+}
+
+/// The true way of KITTI, and cars that are simulated: the loops are closed by them alone, where each is known.
+fn a_simulated_street_closes_the_loops_of_a_true_way() {
+    let folder = data_folder().join("semantic/kitti_odometry_poses");
+    let read = Dataset3::KittiOdometry.read(&folder, &Options { robot: Some(6), ..Options::default() }).unwrap();
+    let rms = |trajectory: &[_]| space_errors(&read.trajectory, trajectory).unwrap().position.rmse;
+    let reckoned = read.recording.odometry.dead_reckoning(read.trajectory.iter().map(|pose| pose.stamp));
+    let found: SemanticMap<Space> = map_known(&read.recording, &read.ids, &SemanticConfig::default(), &|_| ()).unwrap();
+    let (alone, mapped) = (rms(&reckoned), rms(&found.trajectory3()));
+    println!("odometry alone {alone:.2} m, mapped {mapped:.2} m with {} landmarks", found.landmarks.len());
+    assert!(mapped < 0.25 * alone && found.landmarks.len() > 130, "odometry alone {alone} m, mapped {mapped} m");
+}
+
 crate::needs::trials! {
     "semantic":
-    Data { tubes_of_three_classes_are_mapped, a_wrong_map_is_doubted, points_of_light_are_mapped_in_space }
+    Data {
+        tubes_of_three_classes_are_mapped, a_wrong_map_is_doubted, points_of_light_are_mapped_in_space,
+        cars_are_mapped_from_boxes, a_simulated_street_closes_the_loops_of_a_true_way,
+    }
 }
