@@ -18,7 +18,7 @@ const KNOWN_BY: usize = 4;
 /// number.
 const MAX_DOUBTFUL: usize = 45;
 /// As many landmarks are known at most; of more, the one seen least is forgotten.
-const MAX_KNOWN: usize = 200;
+const MAX_KNOWN: usize = 400;
 
 /// A landmark of a hypothesis.
 #[derive(Clone, Debug)]

@@ -1,11 +1,13 @@
 //! Recordings of detections in space, and published sets made into them.
 
 use crate::needs::data_folder;
+use assert_cmd::cargo::cargo_bin;
 use ipslam::detections::{Detection3, DetectionKind, Frame, Odometry3, Recording3, Sensors3, Velocity3};
 use ipslam::geometry::{Pinhole, Pose3, StampedPose3};
 use ipslam::io::datasets::{self, Dataset3, Options};
 use ipslam::io::semantic::{self, ReadRecording, truth};
 use nalgebra::{Point3, Quaternion, UnitQuaternion};
+use std::process::Command;
 use tempfile::TempDir;
 
 const SENSORS: &str = "kind = 'stereo'\nclasses = ['tree', 'car']\n[camera]\nfocal = [500, 400]\ncentre = [320, 240]\n\
@@ -107,6 +109,34 @@ fn starry_night_is_converted() {
     assert!(error < 0.5 * none.rotation.angle_to(&true_motion.rotation), "{error}");
 }
 
+/// A robot stands still, and sees a tree and a car in each of twelve frames. The oracle: similar triangles.
+fn a_recording_of_space_is_mapped_to_files() {
+    let rows = (0..12).map(|frame| format!("{frame},tree,,420,280,20\n{frame},car,,220,240,50\n"));
+    let detections = format!("t,class,score,u,v,disparity\n{}", rows.collect::<String>());
+    let odometry = b"t,vx,vy,vz,wx,wy,wz\n0,0,0,0,0,0,0\n";
+    let made = folder(&[("detections.csv", detections.as_bytes()), ("odometry.csv", odometry)]);
+    let out = made.path().join("out");
+    let done =
+        Command::new(cargo_bin("ipslam")).arg("semantic").arg(made.path()).arg("--out").arg(&out).output().unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let lines = |name: &str| -> Vec<String> {
+        std::fs::read_to_string(out.join(name)).unwrap().lines().map(str::to_owned).collect()
+    };
+    let landmarks = lines("landmarks.csv");
+    assert_eq!(landmarks[0], "landmark,class,x,y,z,xx,xy,xz,yy,yz,zz,weight");
+    for (class, expected) in [("tree", [1.0, 0.5, 5.0]), ("car", [-0.4, 0.0, 2.0])] {
+        let row = landmarks.iter().find(|row| row.split(',').nth(1) == Some(class)).unwrap();
+        let position = row.split(',').skip(2).take(3).map(|number| number.parse::<f64>().unwrap());
+        assert!(position.zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-3), "{row}");
+    }
+    assert_eq!(landmarks.len(), 3, "{landmarks:?}");
+    let covariances = lines("covariances.csv");
+    assert!(covariances[0].starts_with("t,xx,xy,xz,xrx,xry,xrz,yy,"), "{}", covariances[0]);
+    assert_eq!((covariances.len(), covariances[1].split(',').count()), (13, 22));
+    assert!(lines("trajectory.tum")[1].starts_with("0.000000 0.0") && out.join("map.png").is_file());
+    assert!(lines("summary.json").iter().any(|line| line.contains("turn_scale")));
+}
+
 /// The middle of a box is where the true pose puts the car, to a fifth of its size.
 fn kitti_is_converted() {
     let tracking = data_folder().join("semantic/kitti_tracking/0005");
@@ -141,6 +171,9 @@ fn kitti_is_converted() {
 
 crate::needs::trials! {
     "semantic_space":
-    Nothing { a_folder_of_space_is_read, what_is_wrong_with_a_folder_of_space_is_told }
+    Nothing {
+        a_folder_of_space_is_read, what_is_wrong_with_a_folder_of_space_is_told,
+        a_recording_of_space_is_mapped_to_files,
+    }
     Data { starry_night_is_converted, kitti_is_converted }
 }
