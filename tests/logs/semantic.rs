@@ -32,7 +32,7 @@ fn a_wrong_map_is_doubted() {
     assert!(!found.verdict.is_consistent(), "{mapped} m, but {:?}", found.verdict);
 }
 
-/// Two cameras over points of light, none of which has a name. With names it is 0.018 m.
+/// Two cameras over points of light, none of which has a name: 0.019 m with label seeds 1 to 5, and 0.018 m with names.
 fn points_of_light_are_mapped_in_space() {
     let options = Options { classes: Some(4), rows: Some((1214, 1714)), seed: Some(2), ..Options::default() };
     let read = Dataset3::StarryNight.read(&data_folder().join("semantic/starry_night"), &options).unwrap();
