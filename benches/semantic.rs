@@ -79,7 +79,8 @@ impl Job {
             None => (Dataset::LostInWoods, folder.join("lost_in_woods")),
         };
         let wrong_labels = Some(f64::from(self.wrong) / 100.0);
-        let options = Options { robot: self.robot, classes: Some(self.classes), wrong_labels, seed: Some(self.seed) };
+        let (classes, seed) = (Some(self.classes), Some(self.seed));
+        let options = Options { robot: self.robot, classes, wrong_labels, seed, rows: None };
         Ok(set.read(&folder, &options)?)
     }
 

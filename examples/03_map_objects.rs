@@ -6,7 +6,7 @@
 use ipslam::detections::{Detection, Frame, Odometry, Recording, Sensors, Velocity, View};
 use ipslam::geometry::Pose;
 use ipslam::io::semantic::read;
-use ipslam::semantic::{SemanticConfig, map};
+use ipslam::semantic::{SemanticConfig, SemanticMap, map};
 use nalgebra::Point2;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -17,7 +17,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         None => drive(),
     };
 
-    let found = map(&recording, &SemanticConfig::default(), &|_| ())?;
+    let found: SemanticMap = map(&recording, &SemanticConfig::default(), &|_| ())?;
 
     let classes = &recording.sensors.classes;
     println!("{} objects from {} detections:", found.landmarks.len(), found.detections);

@@ -6,11 +6,14 @@
 
 pub use odometry::{Motion, Odometry, Velocity};
 pub use sensors::{DetectionKind, DetectionNoise, Detector, OdometryNoise, Sensors, View};
+pub use space::{Detection3, Detector3, Odometry3, OdometryNoise3, PixelNoise, Recording3, Sensors3, Velocity3};
 
 use nalgebra::Point2;
+use sensors::{even_confusion, validate_labels};
 
 mod odometry;
 mod sensors;
+mod space;
 
 /// An object, as a detector saw it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,11 +38,11 @@ impl Detection {
 
 /// All detections of one moment.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Frame {
+pub struct Frame<D = Detection> {
     /// Seconds; the clock is that of the odometry.
     pub stamp: f64,
     /// Empty where the sensor worked and detected nothing.
-    pub detections: Vec<Detection>,
+    pub detections: Vec<D>,
 }
 
 impl Frame {

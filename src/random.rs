@@ -23,6 +23,10 @@ pub enum Draw {
     Anywhere = 4,
     /// A label that a detector gets wrong.
     Label = 5,
+    /// An object that is put somewhere.
+    Object = 6,
+    /// How a detection errs.
+    Detection = 7,
 }
 
 /// Four independent words of 32 random bits.

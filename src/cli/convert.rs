@@ -28,7 +28,8 @@ const POSSIBLE: &str = "Formats, by the endings of the names:
          in: .xyt, .csv of EuRoC
 
 Folders, by the files in them, become recordings of detections (a new folder):
-  MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition;
+  MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition, Starry Night (--rows),
+  KITTI tracking, KITTI odometry with simulated cars (--robot 5 or 6);
 or of a camera with an inertial sensor: imu_tracks.csv of GTSAM (EuRoC)";
 
 /// Writes a log, a map or a trajectory in another format, or a published set of detections as a recording.
@@ -92,6 +93,9 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
     interrupt::watch()?;
     if let Some(set) = datasets::recognise(input) {
         return dataset.convert(set, input, output);
+    }
+    if let Some(set) = datasets::recognise3(input) {
+        return dataset.convert3(set, input, output);
     }
     if imu_tracks::is_in(input) && !dataset.are_given() {
         return convert_imu_tracks(input, output);

@@ -2,7 +2,7 @@
 
 use super::say::say;
 use anyhow::{Context as _, ensure};
-use ipslam::io::datasets::{self, ConvertError, Converted, Dataset, Options, imu_tracks};
+use ipslam::io::datasets::{self, ConvertError, Converted, Dataset, Dataset3, Options, imu_tracks};
 use ipslam::io::semantic::truth;
 use ipslam::io::{tum, visual_inertial};
 use std::path::Path;
@@ -11,7 +11,7 @@ use std::path::Path;
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Sets of detections")]
 pub struct DatasetArgs {
-    /// Robot, where the set has several
+    /// Robot, or drive, where the set has several
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     robot: Option<u32>,
     /// Classes that its landmarks are given in turn; 3 for MR.CLAM, else 1
@@ -20,9 +20,12 @@ pub struct DatasetArgs {
     /// Share of detections with a wrong class; 0.1 where there are several classes
     #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
     wrong_labels: Option<f64>,
-    /// Seed of the wrong classes; 1 by default
+    /// Seed of what is drawn, wrong classes for one; 1 by default
     #[arg(long, allow_negative_numbers = true)]
     seed: Option<u64>,
+    /// The first and the last row that is used, of Starry Night
+    #[arg(long, value_name = "ROW", num_args = 2)]
+    rows: Option<Vec<usize>>,
 }
 
 impl DatasetArgs {
@@ -32,29 +35,42 @@ impl DatasetArgs {
     }
 
     fn options(&self) -> Options {
-        let Self { robot, classes, wrong_labels, seed } = *self;
-        Options { robot, classes, wrong_labels, seed }
+        let Self { robot, classes, wrong_labels, seed, .. } = *self;
+        let rows = self.rows.as_deref().and_then(|rows| Some((*rows.first()?, *rows.last()?)));
+        Options { robot, classes, wrong_labels, seed, rows }
     }
 
     /// Makes the folder of a recording.
     pub fn convert(&self, set: Dataset, input: &Path, output: &Path) -> anyhow::Result<()> {
         ensure_new(output)?;
-        let converted = set.read(input, &self.options()).map_err(|error| match error {
-            ConvertError::Log(error) => anyhow::Error::from(error),
-            ConvertError::Option(error) => error.into(),
-        })?;
+        let converted = set.read(input, &self.options()).map_err(inner)?;
         datasets::write(output, &converted).context("the recording is not complete")?;
         let Converted { recording, notes, .. } = &converted;
-        notes.iter().for_each(|note| say!("note: {note}"));
-        say!(
-            "{}: {} frames, {} detections, {} rows of odometry",
-            output.display(),
-            recording.frames.len(),
-            recording.detections(),
-            recording.odometry.len()
-        );
+        tell(output, notes, [recording.frames.len(), recording.detections(), recording.odometry.len()]);
         Ok(())
     }
+
+    /// The same of a robot of space.
+    pub fn convert3(&self, set: Dataset3, input: &Path, output: &Path) -> anyhow::Result<()> {
+        ensure_new(output)?;
+        let converted = set.read(input, &self.options()).map_err(inner)?;
+        datasets::write3(output, &converted).context("the recording is not complete")?;
+        let Converted { recording, notes, .. } = &converted;
+        tell(output, notes, [recording.frames.len(), recording.detections(), recording.odometry.len()]);
+        Ok(())
+    }
+}
+
+fn inner(error: ConvertError) -> anyhow::Error {
+    match error {
+        ConvertError::Log(error) => error.into(),
+        ConvertError::Option(error) => error.into(),
+    }
+}
+
+fn tell(output: &Path, notes: &[String], [frames, detections, odometry]: [usize; 3]) {
+    notes.iter().for_each(|note| say!("note: {note}"));
+    say!("{}: {frames} frames, {detections} detections, {odometry} rows of odometry", output.display());
 }
 
 /// Makes the folder of a recording of a camera with an inertial sensor.

@@ -25,7 +25,7 @@ pub fn replay_mapping(args: &ReplayArgs, recorded: RecordedMapping) -> anyhow::R
         refuse_input(path, Some(&args.recording))?;
     }
     let name = &store.info.log;
-    let task = Task { name, recording: &recorded.recording, objects: recorded.objects(), config };
+    let task: Task<'_> = Task { name, recording: &recorded.recording, objects: recorded.objects(), config };
     let (found, seconds) = task.map()?;
     task.write(&found, seconds, &Score::default(), &mut outputs)?;
     if let Some(path) = &record {

@@ -6,19 +6,23 @@ use super::progress::{Bar, PERMILLE};
 use super::recording::{check_target, record_mapping};
 use super::say::{print_line, say};
 use super::visual_inertial;
-use anyhow::{Context as _, ensure};
+use anyhow::{Context as _, bail, ensure};
 use clap::ValueEnum;
 use ipslam::association::Policy;
-use ipslam::detections::Recording;
-use ipslam::geometry::StampedPose;
-use ipslam::io::semantic::{self as recordings, results, truth};
-use ipslam::io::tum;
+use ipslam::detections::{DetectionKind, Recording, Recording3};
+use ipslam::geometry::{StampedPose, StampedPose3};
+use ipslam::io::semantic::{self as recordings, ReadRecording, results, truth};
+use ipslam::io::{WriteError, tum};
+use ipslam::log::LogError;
+use ipslam::metrics::space::space_errors;
 use ipslam::metrics::trajectory::reference_errors;
 use ipslam::picture::object_map;
 #[cfg(feature = "record")]
 use ipslam::record::rerun::semantic::Mapping;
-use ipslam::semantic::{Objects, SemanticConfig, SemanticError, SemanticMap, Weight, map, map_known};
-use serde_json::json;
+use ipslam::semantic::{
+    Objects, Plane, SemanticConfig, SemanticError, SemanticMap, Space, Weight, World, map, map_known,
+};
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -97,19 +101,27 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     if let Some(path) = &args.record {
         check_target(path, &args.recording)?;
     }
-    let read = recordings::read(&args.recording)?;
-    for warning in &read.warnings {
-        say!("{warning}");
+    match recordings::read_kind(&args.recording)? {
+        DetectionKind::Stereo => map_and_write::<Space>(args, &name, config, &recordings::read3(&args.recording)?),
+        _ => map_and_write::<Plane>(args, &name, config, &recordings::read(&args.recording)?),
     }
-    let recording = read.recording;
-    let mut outputs = args.out.open(&name)?;
-    let ids = args.known_ids.as_deref().map(|path| truth::read_ids(path, &recording)).transpose()?;
-    let task = Task { name: &name, recording: &recording, objects: ids.as_deref(), config };
+}
+
+fn map_and_write<W: Output>(
+    args: &SemanticArgs,
+    name: &str,
+    config: SemanticConfig,
+    ReadRecording { recording, warnings }: &ReadRecording<W::Recording>,
+) -> anyhow::Result<Vec<anyhow::Error>> {
+    warnings.iter().for_each(|warning| say!("{warning}"));
+    let mut outputs = Outputs::for_log(args.out.as_deref(), name)?;
+    let ids = args.known_ids.as_deref().map(|path| W::read_ids(path, recording)).transpose()?;
+    let task = Task::<W> { name, recording, objects: ids.as_deref(), config };
     let (found, seconds) = task.map().with_context(|| args.recording.display().to_string())?;
-    let score = Score::of(&args.recording, &recording, &found)?;
+    let score = Score::of::<W>(&args.recording, recording, &found)?;
     task.write(&found, seconds, &score, &mut outputs)?;
     if let Some(path) = &args.record {
-        outputs.note(record_mapping(path, &task, &found));
+        outputs.note(W::record(path, &task, &found));
     }
     outputs.finish();
     found.verdict.doubts().iter().for_each(|doubt| say!("doubtful: {doubt}"));
@@ -117,17 +129,93 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     Ok(std::mem::take(&mut outputs.errors))
 }
 
+/// How a map of the plane or of space is written and scored.
+pub trait Output: World {
+    fn read_ids(path: &Path, recording: &Self::Recording) -> Result<truth::Ids, LogError>;
+    fn write_trajectory(path: &Path, found: &SemanticMap<Self>) -> Result<(), WriteError>;
+    /// The path, from above.
+    fn path(found: &SemanticMap<Self>) -> Vec<StampedPose>;
+    /// The distance to a true path after alignment \[m\], and that path from above, in the frame of the map.
+    fn compare(truth: &Path, found: &SemanticMap<Self>) -> Result<(Option<f64>, Vec<StampedPose>), LogError>;
+    fn calibration(found: &SemanticMap<Self>) -> Value;
+    fn record(path: &Path, task: &Task<'_, Self>, found: &SemanticMap<Self>) -> anyhow::Result<()>;
+}
+
+impl Output for Plane {
+    fn read_ids(path: &Path, recording: &Recording) -> Result<truth::Ids, LogError> {
+        truth::read_ids(path, &recording.frames)
+    }
+
+    fn write_trajectory(path: &Path, found: &SemanticMap) -> Result<(), WriteError> {
+        tum::write(path, &found.trajectory())
+    }
+
+    fn path(found: &SemanticMap) -> Vec<StampedPose> {
+        found.trajectory()
+    }
+
+    fn compare(truth: &Path, found: &SemanticMap) -> Result<(Option<f64>, Vec<StampedPose>), LogError> {
+        let mut reference = tum::read(truth)?;
+        let errors = reference_errors(&reference, &found.trajectory());
+        let world_from_reference = errors.reference_from_world.inverse();
+        reference.iter_mut().for_each(|StampedPose { pose, .. }| *pose = world_from_reference * *pose);
+        Ok((errors.absolute.map(|absolute| absolute.rmse), reference))
+    }
+
+    fn calibration(found: &SemanticMap) -> Value {
+        let [forward_scale, turn_scale, curvature] = found.calibration;
+        json!({ "forward_scale": forward_scale, "turn_scale": turn_scale, "curvature": curvature })
+    }
+
+    fn record(path: &Path, task: &Task<'_>, found: &SemanticMap) -> anyhow::Result<()> {
+        record_mapping(path, task, found)
+    }
+}
+
+impl Output for Space {
+    fn read_ids(path: &Path, recording: &Recording3) -> Result<truth::Ids, LogError> {
+        truth::read_ids(path, &recording.frames)
+    }
+
+    fn write_trajectory(path: &Path, found: &SemanticMap<Self>) -> Result<(), WriteError> {
+        tum::write3(path, &found.trajectory3())
+    }
+
+    fn path(found: &SemanticMap<Self>) -> Vec<StampedPose> {
+        found.trajectory3().iter().map(StampedPose3::from_above).collect()
+    }
+
+    fn compare(truth: &Path, found: &SemanticMap<Self>) -> Result<(Option<f64>, Vec<StampedPose>), LogError> {
+        let reference = tum::read3(truth)?;
+        let Some(errors) = space_errors(&reference, &found.trajectory3()) else { return Ok((None, Vec::new())) };
+        let world_from_reference = errors.reference_from_world.inverse();
+        let moved = |&StampedPose3 { stamp, pose }: &StampedPose3| {
+            StampedPose3 { stamp, pose: world_from_reference * pose }.from_above()
+        };
+        Ok((Some(errors.position.rmse), reference.iter().map(moved).collect()))
+    }
+
+    fn calibration(found: &SemanticMap<Self>) -> Value {
+        let [scale, turn_scale] = found.calibration;
+        json!({ "scale": scale, "turn_scale": turn_scale })
+    }
+
+    fn record(_: &Path, _: &Task<'_, Self>, _: &SemanticMap<Self>) -> anyhow::Result<()> {
+        bail!("--record: how a map of space came about cannot be recorded yet")
+    }
+}
+
 /// What is mapped, and how.
-pub struct Task<'a> {
+pub struct Task<'a, W: World = Plane> {
     pub name: &'a str,
-    pub recording: &'a Recording,
+    pub recording: &'a W::Recording,
     pub objects: Option<&'a Objects>,
     pub config: SemanticConfig,
 }
 
-impl Task<'_> {
-    /// Maps it; returns the run time in seconds too.
-    pub fn map(&self) -> Result<(SemanticMap, f64), SemanticError> {
+impl<W: Output> Task<'_, W> {
+    /// Maps it, and tells the seconds that it took.
+    pub fn map(&self) -> Result<(SemanticMap<W>, f64), SemanticError> {
         let began = Instant::now();
         let bar = Mutex::new(Bar::new(Some(PERMILLE)));
         let progress = |share: f64| {
@@ -143,21 +231,20 @@ impl Task<'_> {
         Ok((found?, began.elapsed().as_secs_f64()))
     }
 
-    /// What is recorded of it.
-    #[cfg(feature = "record")]
-    pub fn mapping<'a>(&'a self, map: &'a SemanticMap) -> Mapping<'a> {
-        let Self { name, recording, objects, config } = *self;
-        Mapping { name, recording, objects, config, map }
-    }
-
     /// Writes the outputs.
-    pub fn write(&self, found: &SemanticMap, seconds: f64, score: &Score, outputs: &mut Outputs) -> anyhow::Result<()> {
+    pub fn write(
+        &self,
+        found: &SemanticMap<W>,
+        seconds: f64,
+        score: &Score,
+        outputs: &mut Outputs,
+    ) -> anyhow::Result<()> {
         let path = outputs.stage("trajectory.tum");
-        outputs.note(tum::write(&path, &found.trajectory()));
-        for (name, text) in results::files(self.recording, found) {
+        outputs.note(W::write_trajectory(&path, found));
+        for (name, text) in results::files(W::labels(W::sensors(self.recording)).0, found) {
             outputs.write(name, text.as_bytes());
         }
-        match object_map(self.name, self.recording, found, &score.reference) {
+        match object_map(self.name, self.recording, found, &W::path(found), &score.reference) {
             Ok(files) => files.iter().for_each(|(name, bytes)| outputs.write(name, bytes)),
             Err(error) => outputs.note(Err(error)),
         }
@@ -168,11 +255,7 @@ impl Task<'_> {
             "detections": found.detections,
             "landmarks": found.landmarks.len(),
             "objective": found.objective,
-            "calibration": {
-                "forward_scale": found.calibration[0],
-                "turn_scale": found.calibration[1],
-                "curvature": found.calibration[2],
-            },
+            "calibration": W::calibration(found),
             "detection_probability": found.detection_probability,
             "runs": found.runs.iter().map(|run| json!({
                 "new_density": run.new_density,
@@ -191,12 +274,21 @@ impl Task<'_> {
     }
 }
 
+#[cfg(feature = "record")]
+impl Task<'_> {
+    /// What is recorded of it.
+    pub fn mapping<'a>(&'a self, map: &'a SemanticMap) -> Mapping<'a> {
+        let Self { name, recording, objects, config } = *self;
+        Mapping { name, recording, objects, config, map }
+    }
+}
+
 /// Whether to believe a map.
-pub fn verdict(found: &SemanticMap) -> &'static str {
+pub fn verdict<W: World>(found: &SemanticMap<W>) -> &'static str {
     if found.verdict.is_consistent() { "consistent" } else { "doubtful" }
 }
 
-fn summary_line(found: &SemanticMap, seconds: f64) -> String {
+fn summary_line<W: World>(found: &SemanticMap<W>, seconds: f64) -> String {
     format!(
         "{} landmarks from {} detections in {} keyframes, {seconds:.1} s; objective {:.1}; {}",
         found.landmarks.len(),
@@ -219,18 +311,12 @@ pub struct Score {
 }
 
 impl Score {
-    fn of(folder: &Path, recording: &Recording, found: &SemanticMap) -> anyhow::Result<Self> {
+    fn of<W: Output>(folder: &Path, recording: &W::Recording, found: &SemanticMap<W>) -> anyhow::Result<Self> {
         let existing = |name: &str| Some(folder.join(name)).filter(|path| path.is_file());
-        let mut reference = existing(truth::TRAJECTORY).map(|path| tum::read(&path)).transpose()?.unwrap_or_default();
-        let errors = reference_errors(&reference, &found.trajectory());
-        let world_from_reference = errors.reference_from_world.inverse();
-        reference.iter_mut().for_each(|StampedPose { pose, .. }| *pose = world_from_reference * *pose);
-        let ids = existing(truth::IDS).map(|path| truth::read_ids(&path, recording)).transpose()?;
-        Ok(Self {
-            rms: errors.absolute.map(|absolute| absolute.rmse),
-            right: ids.and_then(|ids| weight_on_right_landmark(&ids, &found.weights)),
-            reference,
-        })
+        let compared = existing(truth::TRAJECTORY).map(|path| W::compare(&path, found)).transpose()?;
+        let (rms, reference) = compared.unwrap_or_default();
+        let ids = existing(truth::IDS).map(|path| W::read_ids(&path, recording)).transpose()?;
+        Ok(Self { rms, right: ids.and_then(|ids| weight_on_right_landmark(&ids, &found.weights)), reference })
     }
 
     fn text(&self) -> String {

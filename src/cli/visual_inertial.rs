@@ -3,7 +3,7 @@
 use super::output::Outputs;
 use super::say::print_line;
 use anyhow::Context as _;
-use ipslam::geometry::{Pose, Pose3, StampedPose, StampedPose3};
+use ipslam::geometry::{Pose3, StampedPose, StampedPose3};
 use ipslam::io::semantic::{DETECTIONS, truth};
 use ipslam::io::{tum, visual_inertial as recordings};
 use ipslam::metrics::space::{SpaceErrors, space_errors};
@@ -99,9 +99,6 @@ fn draw(
 }
 
 fn from_above(path: &[StampedPose3], world_from_path: Pose3) -> Vec<StampedPose> {
-    let flat = |&StampedPose3 { stamp, pose }: &StampedPose3| {
-        let Pose3 { position, rotation } = world_from_path * pose;
-        StampedPose { stamp, pose: Pose::new(position.x, position.y, rotation.euler_angles().2) }
-    };
-    path.iter().map(flat).collect()
+    let moved = |&StampedPose3 { stamp, pose }: &StampedPose3| StampedPose3 { stamp, pose: world_from_path * pose };
+    path.iter().map(|pose| moved(pose).from_above()).collect()
 }

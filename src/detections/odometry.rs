@@ -24,9 +24,9 @@ pub struct Velocity {
 
 /// The motion between two times, with the sums that its noise grows with.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Motion {
+pub struct Motion<P = Pose> {
     /// The pose at the end, seen from that at the start.
-    pub start_from_end: Pose,
+    pub start_from_end: P,
     /// Length of the path \[m\].
     pub distance: f64,
     /// All turning on the way, left and right added up \[rad\].

@@ -14,6 +14,8 @@ pub enum DetectionKind {
     /// Range and bearing in the plane.
     #[default]
     RangeBearing,
+    /// Pixels and disparity, in space.
+    Stereo,
 }
 
 /// The sensors of a robot.
@@ -143,8 +145,7 @@ impl Sensors {
     /// # Errors
     /// The first value that cannot be, with what could.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        self.check_classes()?;
-        self.check_confusion()?;
+        validate_labels(&self.classes, &self.confusion)?;
         self.noise.check("noise")?;
         self.view.check("view")?;
         self.detector.check("detector")?;
@@ -166,43 +167,45 @@ impl Sensors {
         }
         Ok(())
     }
+}
 
-    fn check_classes(&self) -> Result<(), ConfigError> {
-        if self.classes.is_empty() {
-            return Err(ConfigError::value("classes", "[]", "the names of one class or more"));
-        }
-        for (number, name) in self.classes.iter().enumerate() {
-            if name.is_empty() || name.trim() != name || name.contains(char::is_control) {
-                let expected = "names without white space around them and without line breaks";
-                return Err(ConfigError::value("classes", format!("{name:?}"), expected));
-            }
-            if self.classes.iter().take(number).any(|other| other == name) {
-                return Err(ConfigError::value("classes", format!("`{name}` twice"), "a list of names that differ"));
-            }
-        }
-        Ok(())
+/// Whether classes and the probabilities of their labels can be.
+pub(super) fn validate_labels(classes: &[String], confusion: &[Vec<f64>]) -> Result<(), ConfigError> {
+    check_classes(classes)?;
+    let count = classes.len();
+    if confusion.len() != count || confusion.iter().any(|row| row.len() != count) {
+        let expected = format!("{count} rows of {count} numbers, as there are {count} classes");
+        return Err(ConfigError::value("confusion", "of another size", expected));
     }
+    for (row, name) in confusion.iter().zip(classes) {
+        let sum: f64 = row.iter().sum();
+        if row.iter().any(|share| !(0.0..=1.0).contains(share)) || (sum - 1.0).abs() > 1e-3 {
+            let expected =
+                format!("numbers from 0 to 1 whose sum in each row is 1; in the row of `{name}` it is {sum}");
+            return Err(ConfigError::value("confusion", format!("{row:?} for `{name}`"), expected));
+        }
+    }
+    Ok(())
+}
 
-    fn check_confusion(&self) -> Result<(), ConfigError> {
-        let count = self.classes.len();
-        if self.confusion.len() != count || self.confusion.iter().any(|row| row.len() != count) {
-            let expected = format!("{count} rows of {count} numbers, as there are {count} classes");
-            return Err(ConfigError::value("confusion", "of another size", expected));
-        }
-        for (row, name) in self.confusion.iter().zip(&self.classes) {
-            let sum: f64 = row.iter().sum();
-            if row.iter().any(|share| !(0.0..=1.0).contains(share)) || (sum - 1.0).abs() > 1e-3 {
-                let expected =
-                    format!("numbers from 0 to 1 whose sum in each row is 1; in the row of `{name}` it is {sum}");
-                return Err(ConfigError::value("confusion", format!("{row:?} for `{name}`"), expected));
-            }
-        }
-        Ok(())
+fn check_classes(classes: &[String]) -> Result<(), ConfigError> {
+    if classes.is_empty() {
+        return Err(ConfigError::value("classes", "[]", "the names of one class or more"));
     }
+    for (number, name) in classes.iter().enumerate() {
+        if name.is_empty() || name.trim() != name || name.contains(char::is_control) {
+            let expected = "names without white space around them and without line breaks";
+            return Err(ConfigError::value("classes", format!("{name:?}"), expected));
+        }
+        if classes.iter().take(number).any(|other| other == name) {
+            return Err(ConfigError::value("classes", format!("`{name}` twice"), "a list of names that differ"));
+        }
+    }
+    Ok(())
 }
 
 /// Labels that are right with a probability; the wrong ones are equally likely.
-fn even_confusion(classes: usize, accuracy: f64) -> Vec<Vec<f64>> {
+pub(super) fn even_confusion(classes: usize, accuracy: f64) -> Vec<Vec<f64>> {
     let (right, wrong) = match classes {
         1 => (1.0, 0.0),
         _ => (accuracy, (1.0 - accuracy) / classes.saturating_sub(1) as f64),

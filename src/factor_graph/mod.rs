@@ -45,13 +45,13 @@ mod variables;
 
 pub use covariance::{Columns, Covariances};
 pub use factors::{
-    Between, Between3, Factor, Inertial, Jacobian, Odometry, Prediction, Prior, Projection, RangeBearing, Sighting,
-    Sighting3, Track, Walk,
+    Between, Between3, Factor, Inertial, Jacobian, Odometry, Odometry3, Prediction, Prior, Projection, RangeBearing,
+    Sighting, Sighting3, Stereo, StereoCamera, Track, Walk,
 };
 pub use graph::{Graph, TermId};
 pub use noise::{Loss, Noise};
 pub use solver::{Solution, Solver, SolverConfig};
-pub use variables::{Kind, Values, VariableId};
+pub use variables::{Kind, Value, Values, VariableId};
 
 /// Why a graph has no solution.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -3,7 +3,7 @@
 //! A variable has `dimension` degrees of freedom. A step is a vector of as many numbers, in the tangent space at the
 //! variable's present value; the steps of all variables one after the other make the tangent vector of the graph.
 
-use super::GraphError;
+use super::{GraphError, Prior};
 use crate::geometry::{Pose, Pose3};
 use nalgebra::{Point2, Point3, Quaternion, Unit, Vector3, Vector6};
 use std::ops::Range;
@@ -299,6 +299,44 @@ impl Values {
         Ok(moved)
     }
 }
+
+/// A pose or a point, of the plane or of space: what is generic in it reads and writes variables so.
+pub trait Value: Copy {
+    /// A new variable of this value.
+    fn add_to(self, values: &mut Values) -> VariableId;
+
+    /// The value of a variable.
+    ///
+    /// # Errors
+    /// The variable is something else.
+    fn read(values: &Values, id: VariableId) -> Result<Self, GraphError>;
+
+    /// The variable is known beforehand to be this.
+    fn prior(self, id: VariableId) -> Prior;
+}
+
+macro_rules! value {
+    ($type:ty, $add:ident, $read:ident) => {
+        impl Value for $type {
+            fn add_to(self, values: &mut Values) -> VariableId {
+                values.$add(self)
+            }
+
+            fn read(values: &Values, id: VariableId) -> Result<Self, GraphError> {
+                values.$read(id)
+            }
+
+            fn prior(self, id: VariableId) -> Prior {
+                Prior::$read(id, self)
+            }
+        }
+    };
+}
+
+value!(Pose, add_pose, pose);
+value!(Pose3, add_pose3, pose3);
+value!(Point2<f64>, add_point, point);
+value!(Point3<f64>, add_point3, point3);
 
 /// A pose of space as its seven numbers.
 fn numbers_of(pose: Pose3) -> [f64; 7] {

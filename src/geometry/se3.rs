@@ -1,5 +1,6 @@
 //! Poses of space, SE(3).
 
+use super::{Pose, StampedPose};
 use nalgebra::{Matrix3, Matrix6, Point3, UnitQuaternion, Vector3, Vector6};
 use std::ops::Mul;
 
@@ -151,6 +152,14 @@ pub struct StampedPose3 {
     pub stamp: f64,
     /// The pose, in the frame that the owner of the list names.
     pub pose: Pose3,
+}
+
+impl StampedPose3 {
+    /// The pose as it is seen from above, along the axis z.
+    pub fn from_above(&self) -> StampedPose {
+        let Pose3 { position, rotation } = self.pose;
+        StampedPose { stamp: self.stamp, pose: Pose::new(position.x, position.y, rotation.euler_angles().2) }
+    }
 }
 
 #[cfg(test)]

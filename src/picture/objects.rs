@@ -7,9 +7,8 @@
 use super::figures::{Files, drawn, path_length};
 use super::svg::{LegendEntry, Page, hex, text};
 use super::{Line, Picture, PictureError, View, is_drawable};
-use crate::detections::Recording;
-use crate::geometry::{Pose, StampedPose};
-use crate::semantic::{Landmark, SemanticMap};
+use crate::geometry::StampedPose;
+use crate::semantic::{Landmark, SemanticMap, World};
 use nalgebra::{Point2, Vector2};
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -30,7 +29,7 @@ const LABEL: &str = "#3c4656";
 #[derive(Clone, Debug, Default)]
 pub(super) struct Objects<'a> {
     classes: &'a [String],
-    landmarks: &'a [Landmark],
+    landmarks: Vec<Landmark>,
     detections: Vec<Seen>,
     links: Vec<Link>,
 }
@@ -50,29 +49,29 @@ struct Link {
 }
 
 impl<'a> Objects<'a> {
-    fn new(recording: &'a Recording, map: &'a SemanticMap) -> Self {
-        let sensors = &recording.sensors;
-        let (mut detections, mut links) = (Vec::new(), Vec::new());
-        let mut poses: HashMap<usize, Pose> = HashMap::new();
+    fn new<W: World>(recording: &'a W::Recording, map: &SemanticMap<W>) -> Self {
+        let sensors = W::sensors(recording);
+        let frames = W::frames(recording);
+        let mut places: HashMap<(usize, usize), Point2<f64>> = HashMap::new();
+        let mut detections = Vec::new();
         for keyframe in &map.keyframes {
             let Some(number) = keyframe.frame else { continue };
-            let Some(frame) = recording.frames.get(number) else { continue };
-            let world_from_sensor = keyframe.pose * sensors.robot_from_sensor;
-            poses.insert(number, world_from_sensor);
-            let in_view = frame.in_view(sensors.view);
-            detections
-                .extend(in_view.map(|(_, seen)| Seen { class: seen.class, at: world_from_sensor * seen.position() }));
-        }
-        for weight in &map.weights {
-            let seen = recording.frames.get(weight.frame).and_then(|frame| frame.detections.get(weight.detection));
-            if let (Some(seen), Some(world_from_sensor), Some(landmark)) =
-                (seen, poses.get(&weight.frame), map.landmarks.get(weight.landmark))
-            {
-                let from = *world_from_sensor * seen.position();
-                links.push(Link { from, to: landmark.position, weight: weight.weight });
+            for (detection, seen) in frames.get(number).into_iter().flat_map(|(_, seen)| seen) {
+                let position: W::Numbers = W::position(sensors, keyframe.pose, seen).into();
+                let at = Point2::from_slice(&position.as_ref()[..2]);
+                places.insert((number, *detection), at);
+                detections.push(Seen { class: W::label(seen), at });
             }
         }
-        Self { classes: &sensors.classes, landmarks: &map.landmarks, detections, links }
+        let landmarks: Vec<Landmark> = map.landmarks.iter().map(Landmark::from_above).collect();
+        let mut links = Vec::new();
+        for weight in &map.weights {
+            let from = places.get(&(weight.frame, weight.detection));
+            if let (Some(from), Some(landmark)) = (from, landmarks.get(weight.landmark)) {
+                links.push(Link { from: *from, to: landmark.position, weight: weight.weight });
+            }
+        }
+        Self { classes: W::labels(sensors).0, landmarks, detections, links }
     }
 
     /// Classes of which there is a landmark or a detection.
@@ -204,24 +203,24 @@ fn ellipse(landmark: &Landmark) -> Option<(Vector2<f64>, f64)> {
     (radii.iter().all(|radius| *radius < super::FARTHEST) && degrees.is_finite()).then_some((radii, degrees))
 }
 
-/// `map.svg` and `map.png`: path, landmarks, detections and weights; `reference` is the true path in the frame of the map,
-/// empty where nobody knows.
+/// `map.svg` and `map.png`: path, landmarks, detections and weights, seen along the axis z; `path` and `reference` are the path
+/// and the true one seen so, in the frame of the map, the latter empty where nobody knows.
 ///
 /// # Errors
 /// The picture cannot be rendered.
-pub fn object_map(
+pub fn object_map<W: World>(
     name: &str,
-    recording: &Recording,
-    map: &SemanticMap,
+    recording: &W::Recording,
+    map: &SemanticMap<W>,
+    path: &[StampedPose],
     reference: &[StampedPose],
 ) -> Result<Files, PictureError> {
     let objects = Objects::new(recording, map);
-    let path = map.trajectory();
-    let length = path_length(&path);
+    let length = path_length(path);
     let note = format!("{} objects from {} detections; path {length:.0} m", map.landmarks.len(), map.detections);
     let on_paths = path.iter().chain(reference).map(|stamped| stamped.pose.position());
     let view = View::of(on_paths.chain(objects.positions()));
-    let mut picture = Picture::new(name).note(note).view(view).trajectory("path of the robot", Line::ESTIMATE, &path);
+    let mut picture = Picture::new(name).note(note).view(view).trajectory("trajectory", Line::ESTIMATE, path);
     if !reference.is_empty() {
         picture = picture.trajectory("true path", Line::REFERENCE, reference);
     }

@@ -8,67 +8,64 @@ use super::history::Candidate;
 use super::hypothesis::{Branch, Hypothesis};
 use super::keyframes::Keyframe;
 use super::sensor_model::SensorModel;
-use crate::detections::Detection;
-use crate::factor_graph::Odometry;
-use crate::geometry::Pose;
-use nalgebra::{Point2, Vector3};
+use super::world::World;
 use std::collections::BTreeMap;
 
-/// Two hypotheses whose robots are closer than this, in position \[m\] and heading \[rad\], differ in labels only: the
-/// more likely one is kept.
+/// Two hypotheses whose robots are closer than this, in position \[m\] and orientation \[rad\], differ in labels and not in
+/// places: the likelier is kept.
 const NEIGHBOURHOOD: (f64, f64) = (0.1, 0.05);
 /// A hypothesis is dropped that is less likely than the best by this \[nats\].
 const MARGIN: f64 = 40.0;
 
 /// The best hypothesis' estimate of the last keyframes.
 #[derive(Clone, Debug)]
-pub struct Pass {
-    /// Filtered pose at each keyframe.
-    pub poses: Vec<Pose>,
+pub struct Pass<W: World> {
+    /// Pose of each keyframe, as it was estimated then.
+    pub poses: Vec<W::Pose>,
     /// For each keyframe, the number of the landmark of each detection.
     pub assignments: Vec<Vec<usize>>,
     /// Where each landmark is: as the filter knew it at the end, or where it was last seen if the filter forgot it.
-    pub landmarks: BTreeMap<usize, Point2<f64>>,
+    pub landmarks: BTreeMap<usize, W::Point>,
     /// The odometry's calibration at the end.
-    pub calibration: Vector3<f64>,
+    pub calibration: W::Calibration,
 }
 
 /// A keyframe in the past of a hypothesis.
-struct Past {
+struct Past<W: World> {
     before: Option<usize>,
-    pose: Pose,
+    pose: W::Pose,
     ids: Vec<usize>,
     /// The hypothesis then, where it was kept.
-    state: Option<Box<Hypothesis>>,
+    state: Option<Box<Hypothesis<W>>>,
 }
 
 /// The pass so far.
-pub struct Beam<'a> {
-    model: &'a SensorModel<'a>,
+pub struct Beam<'a, W: World> {
+    model: &'a SensorModel<'a, W>,
     /// The log-density of landmarks that are new.
     log_new: f64,
     count: usize,
     branches: usize,
-    /// The most likely first.
-    hypotheses: Vec<Hypothesis>,
-    past: Vec<Past>,
+    /// The likeliest first.
+    hypotheses: Vec<Hypothesis<W>>,
+    past: Vec<Past<W>>,
     /// All hypotheses of each keyframe.
-    pub candidates: Vec<Vec<Candidate>>,
+    pub candidates: Vec<Vec<Candidate<W>>>,
 }
 
-impl<'a> Beam<'a> {
-    /// A pass before the first keyframe; `log_new` is the log-density of landmarks that are new.
-    pub fn new(model: &'a SensorModel<'a>, log_new: f64, config: &SemanticConfig) -> Self {
-        let (hypotheses, past, candidates) = (vec![Hypothesis::start()], Vec::new(), Vec::new());
+impl<'a, W: World> Beam<'a, W> {
+    /// Nothing seen yet; `log_new` is the log-density of landmarks that are new.
+    pub fn new(model: &'a SensorModel<'a, W>, log_new: f64, config: &SemanticConfig) -> Self {
+        let (hypotheses, past, candidates) = (vec![Hypothesis::start(model)], Vec::new(), Vec::new());
         Self { model, log_new, count: config.beam, branches: config.branches, hypotheses, past, candidates }
     }
 
-    /// Takes in the next keyframe.
-    pub fn advance(&mut self, keyframe: &Keyframe) {
+    /// A keyframe more.
+    pub fn advance(&mut self, keyframe: &Keyframe<W>) {
         let model = self.model;
         self.hypotheses.iter_mut().for_each(|hypothesis| hypothesis.predict(model, keyframe));
-        let seen: Vec<Detection> = keyframe.seen.iter().map(|(_, seen)| *seen).collect();
-        let ways = |parent: &Hypothesis| parent.branches(model, &seen, self.log_new, self.branches);
+        let seen: Vec<W::Detection> = keyframe.seen.iter().map(|(_, seen)| *seen).collect();
+        let ways = |parent: &Hypothesis<W>| parent.branches(model, &seen, self.log_new, self.branches);
         let mut kept = Vec::new();
         if !seen.is_empty() {
             let all = self.hypotheses.iter().map(ways).enumerate();
@@ -79,7 +76,7 @@ impl<'a> Beam<'a> {
         let mut ids = vec![Vec::new(); self.hypotheses.len()];
         if !kept.is_empty() {
             self.hypotheses = children(std::mem::take(&mut self.hypotheses), &kept);
-            let follow = |(child, (_, way)): (&mut Hypothesis, &(usize, Branch))| {
+            let follow = |(child, (_, way)): (&mut Hypothesis<W>, &(usize, Branch<W>))| {
                 child.log_likelihood = way.log_likelihood;
                 child.follow(model, &seen, &way.landmarks)
             };
@@ -89,7 +86,7 @@ impl<'a> Beam<'a> {
             self.past.push(Past { before: hypothesis.past, pose: hypothesis.pose, ids, state: None });
             hypothesis.past = Some(self.past.len() - 1);
         }
-        let candidate = |&Hypothesis { pose, log_likelihood, .. }: &Hypothesis| Candidate { pose, log_likelihood };
+        let candidate = |&Hypothesis { pose, log_likelihood, .. }: &Hypothesis<W>| Candidate { pose, log_likelihood };
         self.candidates.push(self.hypotheses.iter().map(candidate).collect());
     }
 
@@ -102,48 +99,48 @@ impl<'a> Beam<'a> {
         }
     }
 
-    /// Of the most likely hypothesis, its past: the last keyframe first.
-    fn history(&self) -> impl Iterator<Item = &Past> {
+    /// Of the likeliest hypothesis, its past: the last keyframe first.
+    fn history(&self) -> impl Iterator<Item = &Past<W>> {
         let past = |place: Option<usize>| self.past.get(place?);
         let last = self.hypotheses.first().and_then(|best| past(best.past));
         std::iter::successors(last, move |moment| past(moment.before))
     }
 
-    /// The state of the most likely hypothesis this number of keyframes ago, if it was kept.
-    pub fn state(&self, keyframes_ago: usize) -> Option<&Hypothesis> {
+    /// The likeliest hypothesis as it was so many keyframes ago, where it was kept.
+    pub fn state(&self, keyframes_ago: usize) -> Option<&Hypothesis<W>> {
         self.history().nth(keyframes_ago)?.state.as_deref()
     }
 
-    /// The estimate of the most likely hypothesis at these keyframes, the last ones.
-    pub fn pass(&self, keyframes: &[Keyframe]) -> Pass {
-        let mut moments: Vec<&Past> = self.history().take(keyframes.len()).collect();
+    /// What the likeliest hypothesis says of these keyframes, the last ones.
+    pub fn pass(&self, keyframes: &[Keyframe<W>]) -> Pass<W> {
+        let mut moments: Vec<&Past<W>> = self.history().take(keyframes.len()).collect();
         moments.reverse();
-        let poses: Vec<Pose> = moments.iter().map(|moment| moment.pose).collect();
+        let poses: Vec<W::Pose> = moments.iter().map(|moment| moment.pose).collect();
         let assignments: Vec<Vec<usize>> = moments.iter().map(|moment| moment.ids.clone()).collect();
         let mut landmarks = last_seen(self.model, keyframes, &poses, &assignments);
         let best = self.hypotheses.first();
         landmarks
             .extend(best.into_iter().flat_map(|best| &best.landmarks).map(|tracked| (tracked.id, tracked.position)));
-        let calibration = best.map_or(Vector3::from(Odometry::CALIBRATED), |best| best.calibration);
+        let calibration = best.map_or(W::CALIBRATED, |best| best.calibration);
         Pass { poses, assignments, landmarks, calibration }
     }
 }
 
 /// The same where it is known which object each detection shows: one hypothesis, whose landmarks have the numbers of the
-/// objects in the order in which they were first seen. `object` gives that of a detection by frame and number; keyframes hold no
-/// detection without one.
-pub fn forward_known(
-    model: &SensorModel<'_>,
-    keyframes: &[Keyframe],
+/// objects in the order in which they were first seen. `object` tells that of a detection by frame and number; keyframes
+/// hold no detection without.
+pub fn forward_known<W: World>(
+    model: &SensorModel<'_, W>,
+    keyframes: &[Keyframe<W>],
     object: impl Fn(usize, usize) -> Option<u64>,
-) -> Pass {
-    let mut hypothesis = Hypothesis::start();
+) -> Pass<W> {
+    let mut hypothesis = Hypothesis::start(model);
     // Of each object its number, and the landmark that it is in the filter, which may forget it and map it anew.
     let mut objects: BTreeMap<u64, (usize, usize)> = BTreeMap::new();
     let (mut poses, mut assignments) = (Vec::new(), Vec::new());
     for keyframe in keyframes {
         hypothesis.predict(model, keyframe);
-        let seen: Vec<Detection> = keyframe.seen.iter().map(|(_, seen)| *seen).collect();
+        let seen: Vec<W::Detection> = keyframe.seen.iter().map(|(_, seen)| *seen).collect();
         let shown = keyframe.seen.iter().filter_map(|(number, _)| object(keyframe.frame?, *number));
         let place = |object: u64| {
             let (_, id) = objects.get(&object)?;
@@ -170,12 +167,12 @@ pub fn forward_known(
 }
 
 /// Of each landmark the place where it was last seen.
-fn last_seen(
-    model: &SensorModel<'_>,
-    keyframes: &[Keyframe],
-    poses: &[Pose],
+fn last_seen<W: World>(
+    model: &SensorModel<'_, W>,
+    keyframes: &[Keyframe<W>],
+    poses: &[W::Pose],
     assignments: &[Vec<usize>],
-) -> BTreeMap<usize, Point2<f64>> {
+) -> BTreeMap<usize, W::Point> {
     let frames = keyframes.iter().zip(poses).zip(assignments);
     let places = frames.flat_map(|((keyframe, pose), numbers)| {
         numbers.iter().zip(&keyframe.seen).map(|(number, (_, seen))| (*number, model.position(*pose, seen)))
@@ -184,23 +181,23 @@ fn last_seen(
 }
 
 /// The parent of each branch. The last branch of a parent takes it, and the others have copies, which are large.
-fn children(parents: Vec<Hypothesis>, branches: &[(usize, Branch)]) -> Vec<Hypothesis> {
-    let mut parents: Vec<Option<Hypothesis>> = parents.into_iter().map(Some).collect();
+fn children<W: World>(parents: Vec<Hypothesis<W>>, branches: &[(usize, Branch<W>)]) -> Vec<Hypothesis<W>> {
+    let mut parents: Vec<Option<Hypothesis<W>>> = parents.into_iter().map(Some).collect();
     let is_last = |at: usize| branches[at + 1..].iter().all(|(parent, _)| *parent != branches[at].0);
-    let take = |(at, (parent, _)): (usize, &(usize, Branch))| {
+    let take = |(at, (parent, _)): (usize, &(usize, Branch<W>))| {
         if is_last(at) { parents[*parent].take() } else { parents[*parent].clone() }
     };
     branches.iter().enumerate().filter_map(take).collect()
 }
 
-/// The most likely branch of each neighbourhood, the most likely first, and at most `count`.
-fn select(mut all: Vec<(usize, Branch)>, count: usize) -> Vec<(usize, Branch)> {
+/// The likeliest branch of each neighbourhood, the likeliest first, and at most `count`.
+fn select<W: World>(mut all: Vec<(usize, Branch<W>)>, count: usize) -> Vec<(usize, Branch<W>)> {
     all.sort_by(|(_, a), (_, b)| b.log_likelihood.total_cmp(&a.log_likelihood));
-    let mut kept: Vec<(usize, Branch)> = Vec::new();
+    let mut kept: Vec<(usize, Branch<W>)> = Vec::new();
     for (parent, way) in all {
-        let is_near = |(_, other): &(usize, Branch)| {
-            let off = way.pose.seen_from(other.pose);
-            off.position().coords.norm() < NEIGHBOURHOOD.0 && off.heading.abs() < NEIGHBOURHOOD.1
+        let is_near = |(_, other): &(usize, Branch<W>)| {
+            let (metres, radians) = W::apart(way.pose, other.pose);
+            metres < NEIGHBOURHOOD.0 && radians < NEIGHBOURHOOD.1
         };
         let is_likely = kept.first().is_none_or(|(_, best)| way.log_likelihood >= best.log_likelihood - MARGIN);
         if kept.len() == count || !is_likely {

@@ -4,9 +4,8 @@ use super::estimate::{Estimate, Landmark, Pair};
 use super::hypothesis::Hypothesis;
 use super::keyframes::Keyframe;
 use super::sensor_model::SensorModel;
+use super::world::World;
 use crate::association::{Policy, Table, associate};
-use crate::detections::Detection;
-use crate::geometry::Pose;
 
 /// Pairs of smaller weight are left out: they have hardly any effect and cost as much as the others.
 const MIN_WEIGHT: f64 = 0.02;
@@ -17,27 +16,26 @@ const DESCRIBED: f64 = 10.0;
 
 /// The terms of a keyframe: density and class of each pair, clutter, and the landmarks in view that were missed. Noise is
 /// `tempering` times as wide.
-pub fn table(
-    model: &SensorModel<'_>,
-    pose: Pose,
-    landmarks: &[Landmark],
-    seen: &[(usize, Detection)],
+pub fn table<W: World>(
+    model: &SensorModel<'_, W>,
+    pose: W::Pose,
+    landmarks: &[Landmark<W>],
+    seen: &[(usize, W::Detection)],
     detection_probability: f64,
     tempering: f64,
 ) -> Table {
-    let clutter = model.log_density_of_any_label(model.sensors.detector.clutter_density);
+    let clutter = model.log_clutter();
     let predictions: Vec<_> = landmarks.iter().map(|landmark| model.predict(pose, landmark.position)).collect();
     Table::new(vec![clutter; seen.len()], landmarks.len(), |detection, landmark| {
         let seen = &seen[detection].1;
         let Some(prediction) = &predictions[landmark] else { return f64::NEG_INFINITY };
-        let density =
-            model.log_density(prediction.innovation(seen.range, seen.bearing), model.variances(seen), tempering);
-        // Without distant pairs a frame falls into small blocks.
+        let density = model.log_density(prediction, seen, tempering);
+        // What is far off splits the frame from the rest: so blocks stay small.
         let is_far = |log: f64| log < clutter + MIN_ADVANTAGE;
         if is_far(density) {
             return f64::NEG_INFINITY;
         }
-        let log = density + model.class_log_likelihood(&landmarks[landmark].classes, seen.class);
+        let log = density + model.class_log_likelihood(&landmarks[landmark].classes, W::label(seen));
         if is_far(log) { f64::NEG_INFINITY } else { log }
     })
     .with_missed(|place| {
@@ -47,13 +45,13 @@ pub fn table(
 }
 
 /// Weights of all pairs of all keyframes, and the classes that follow from them.
-pub fn e_step(
-    model: &SensorModel<'_>,
-    keyframes: &[Keyframe],
-    estimate: &mut Estimate,
+pub fn e_step<W: World>(
+    model: &SensorModel<'_, W>,
+    keyframes: &[Keyframe<W>],
+    estimate: &mut Estimate<W>,
     policy: Policy,
     tempering: f64,
-    before: Option<&Hypothesis>,
+    before: Option<&Hypothesis<W>>,
 ) {
     let landmarks = &estimate.landmarks;
     estimate.weights = keyframes
@@ -84,16 +82,20 @@ pub fn e_step(
     estimate.detection_probability = detection_probability(model, keyframes, estimate);
 }
 
-/// The probability that a landmark in view is detected. That of the sensors' description counts as [`DESCRIBED`] times in view:
-/// it is a guess, and does not include occlusion.
-pub fn detection_probability(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &Estimate) -> f64 {
-    let described = model.sensors.detector.detection_probability;
+/// How often a landmark in view is detected. What the sensors' description says counts as much as [`DESCRIBED`] times in view:
+/// it is a guess, and what hides an object is not of the detector.
+pub fn detection_probability<W: World>(
+    model: &SensorModel<'_, W>,
+    keyframes: &[Keyframe<W>],
+    estimate: &Estimate<W>,
+) -> f64 {
+    let described = model.detection_probability();
     let (mut detected, mut in_view) = (DESCRIBED * described, DESCRIBED);
     for ((keyframe, pose), pairs) in keyframes.iter().zip(&estimate.poses).zip(&estimate.weights) {
         if keyframe.seen.is_empty() {
             continue;
         }
-        let is_in_view = |landmark: &Landmark| {
+        let is_in_view = |landmark: &Landmark<W>| {
             model.predict(*pose, landmark.position).is_some_and(|prediction| model.is_in_view(&prediction))
         };
         let visible: Vec<bool> = estimate.landmarks.iter().map(is_in_view).collect();
@@ -117,11 +119,11 @@ fn keep_likeliest(pairs: &mut Vec<Pair>, table: &Table) {
 
 /// π_j(c) ∝ Π p(label | c)^w over the pairs of landmark j; and the sum of its weights. Both start from the state
 /// `before` the keyframes.
-pub fn class_posteriors(
-    model: &SensorModel<'_>,
-    keyframes: &[Keyframe],
-    estimate: &mut Estimate,
-    before: Option<&Hypothesis>,
+pub fn class_posteriors<W: World>(
+    model: &SensorModel<'_, W>,
+    keyframes: &[Keyframe<W>],
+    estimate: &mut Estimate<W>,
+    before: Option<&Hypothesis<W>>,
 ) {
     let classes = model.classes();
     let mut logs = vec![vec![0.0; classes]; estimate.landmarks.len()];
@@ -137,7 +139,7 @@ pub fn class_posteriors(
     for (keyframe, pairs) in keyframes.iter().zip(&estimate.weights) {
         for pair in pairs {
             estimate.landmarks[pair.landmark].weight += pair.weight;
-            let label = keyframe.seen[pair.detection].1.class;
+            let label = W::label(&keyframe.seen[pair.detection].1);
             for (class, log) in logs[pair.landmark].iter_mut().enumerate() {
                 *log += pair.weight * model.confusion(class, label).ln();
             }

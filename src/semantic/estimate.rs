@@ -1,32 +1,49 @@
 //! Path, calibration, map and weights.
 
-use crate::geometry::Pose;
+use super::e_step::table;
+use super::keyframes::Keyframe;
+use super::sensor_model::SensorModel;
+use super::world::{Plane, Square, World};
+use crate::association::{Policy, associate};
 use crate::report::Bits;
-use nalgebra::{Matrix2, Point2, Vector3};
+use nalgebra::{DMatrix, Point2};
 
 /// An object of the map.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Landmark {
+pub struct Landmark<W: World = Plane> {
     /// In the world \[m\].
-    pub position: Point2<f64>,
+    pub position: W::Point,
     /// Covariance of the position \[m²\], as seen from the first pose.
-    pub covariance: Matrix2<f64>,
+    pub covariance: W::PointCovariance,
     /// Probability of each class.
     pub classes: Vec<f64>,
     /// Sum of its weights: the expected number of its detections.
     pub weight: f64,
 }
 
-impl Landmark {
-    /// The most likely class.
+impl<W: World> Landmark<W> {
+    /// The likeliest class.
     pub fn class(&self) -> usize {
         let likeliest = self.classes.iter().enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b));
         likeliest.map_or(0, |(class, _)| class)
     }
 
+    /// It as it is seen from above, along the axis z.
+    pub fn from_above(&self) -> Landmark {
+        let numbers: W::Numbers = self.position.into();
+        let covariance = DMatrix::from_column_slice(W::POINT, W::POINT, self.covariance.entries());
+        Landmark {
+            position: Point2::from_slice(&numbers.as_ref()[..2]),
+            covariance: Square::of(&covariance.view((0, 0), (2, 2)).into_owned()),
+            classes: self.classes.clone(),
+            weight: self.weight,
+        }
+    }
+
     /// Adds all its numbers to a checksum.
     pub(super) fn add_to(&self, bits: &mut Bits) {
-        bits.add(self.position.iter().chain(self.covariance.iter()).chain(&self.classes).copied());
+        let position: W::Numbers = self.position.into();
+        bits.add(position.as_ref().iter().chain(self.covariance.entries()).chain(&self.classes).copied());
         bits.add([self.weight]);
     }
 }
@@ -44,14 +61,14 @@ pub struct Pair {
 
 /// A MAP estimate under weights.
 #[derive(Clone, Debug)]
-pub struct Estimate {
+pub struct Estimate<W: World> {
     /// `world_from_robot` of each keyframe.
-    pub poses: Vec<Pose>,
-    /// Forward scale, turn scale, curvature \[rad/m\].
-    pub calibration: Vector3<f64>,
+    pub poses: Vec<W::Pose>,
+    /// Of the odometry.
+    pub calibration: W::Calibration,
     /// The map.
-    pub landmarks: Vec<Landmark>,
-    /// Probability that a landmark in view is detected.
+    pub landmarks: Vec<Landmark<W>>,
+    /// That a landmark in view is detected.
     pub detection_probability: f64,
     /// The pairs of each keyframe.
     pub weights: Vec<Vec<Pair>>,
@@ -59,8 +76,50 @@ pub struct Estimate {
     pub numbers: Vec<usize>,
 }
 
-impl Estimate {
-    /// Keeps the landmarks at these indices, and their pairs.
+impl<W: World> Estimate<W> {
+    /// What runs are compared by \[nats\]: the log-likelihood of all sets of detections, each under its best assignment,
+    /// less what the path costs by odometry, the calibration by its prior, and the landmarks by their number.
+    ///
+    /// Summed over the assignments instead, it would pay for landmarks that are mapped twice.
+    pub fn objective(&self, model: &SensorModel<'_, W>, keyframes: &[Keyframe<W>], landmark_cost: f64) -> f64 {
+        let sets: f64 = keyframes
+            .iter()
+            .zip(&self.poses)
+            .filter(|(keyframe, _)| !keyframe.seen.is_empty())
+            .map(|(keyframe, pose)| {
+                let table = table(model, *pose, &self.landmarks, &keyframe.seen, self.detection_probability, 1.0);
+                associate(&table, Policy::Hungarian).log_likelihood
+            })
+            .sum();
+        let prior = 0.5 * self.calibrated_by(model).map(|off| off * off).sum::<f64>();
+        let odometry = self.odometry_cost(model, keyframes);
+        // A landmark costs the same for each of its coordinates.
+        let landmark_cost = landmark_cost / Plane::POINT as f64 * W::POINT as f64;
+        sets - odometry - prior - landmark_cost * self.landmarks.len() as f64
+    }
+
+    /// The change that calibration makes of each number \[standard deviations of its prior\].
+    pub fn calibrated_by(&self, model: &SensorModel<'_, W>) -> impl Iterator<Item = f64> {
+        let (calibrated, sigmas) = (W::CALIBRATED, model.calibration_sigmas());
+        let off = move |axis| (self.calibration.as_ref()[axis] - calibrated.as_ref()[axis]) / sigmas.as_ref()[axis];
+        (0..sigmas.as_ref().len()).map(off)
+    }
+
+    /// What the path costs by odometry \[nats\]: half the squared errors, in their variances.
+    pub fn odometry_cost(&self, model: &SensorModel<'_, W>, keyframes: &[Keyframe<W>]) -> f64 {
+        self.poses
+            .windows(2)
+            .zip(keyframes.iter().skip(1))
+            .map(|(pair, keyframe)| {
+                let predicted = pair[0] * W::moved(&keyframe.motion, self.calibration).pose;
+                let variances = model.motion_variances(&keyframe.motion);
+                let errors = W::difference(predicted, pair[1]).into_iter().zip(variances);
+                0.5 * errors.map(|(error, variance)| error * error / variance).sum::<f64>()
+            })
+            .sum()
+    }
+
+    /// Keeps the landmarks at these places, and their pairs.
     pub fn retain_landmarks(&mut self, mut keep: impl FnMut(usize) -> bool) {
         let mut places = Vec::with_capacity(self.landmarks.len());
         let mut kept = 0;

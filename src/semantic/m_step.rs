@@ -4,11 +4,9 @@ use super::SemanticError;
 use super::estimate::Estimate;
 use super::hypothesis::Hypothesis;
 use super::keyframes::Keyframe;
-use super::sensor_model::{CALIBRATION_SIGMAS, LOSS_SCALE, SensorModel, motion_variances};
-use crate::factor_graph::{
-    Covariances, Graph, Loss, Noise, Odometry, Prior, RangeBearing, Solver, SolverConfig, Values, VariableId,
-};
-use crate::geometry::Pose;
+use super::sensor_model::{LOSS_SCALE, SensorModel};
+use super::world::World;
+use crate::factor_graph::{Covariances, Graph, Loss, Noise, Prior, Solver, SolverConfig, Value, Values, VariableId};
 use nalgebra::DMatrix;
 
 /// The first pose is the origin \[m, rad\].
@@ -28,18 +26,18 @@ pub struct Problem {
 impl Problem {
     /// The factors: odometry, the state `before` the keyframes or else the origin and the calibration's prior, and each
     /// pair by its weight. Noise of detections is `tempering` times as wide.
-    pub fn new(
-        model: &SensorModel<'_>,
-        keyframes: &[Keyframe],
-        estimate: &Estimate,
+    pub fn new<W: World>(
+        model: &SensorModel<'_, W>,
+        keyframes: &[Keyframe<W>],
+        estimate: &Estimate<W>,
         tempering: f64,
-        before: Option<&Hypothesis>,
+        before: Option<&Hypothesis<W>>,
     ) -> Result<Self, SemanticError> {
         let (mut graph, mut values) = (Graph::new(), Values::new());
-        let poses: Vec<VariableId> = estimate.poses.iter().map(|pose| values.add_pose(*pose)).collect();
-        let calibration = values.add_vector(estimate.calibration.as_slice());
+        let poses: Vec<VariableId> = estimate.poses.iter().map(|pose| pose.add_to(&mut values)).collect();
+        let calibration = values.add_vector(estimate.calibration.as_ref());
         let landmarks: Vec<VariableId> =
-            estimate.landmarks.iter().map(|landmark| values.add_point(landmark.position)).collect();
+            estimate.landmarks.iter().map(|landmark| landmark.position.add_to(&mut values)).collect();
         match (poses.first(), before) {
             (Some(first), Some(before)) => {
                 let known = landmarks.iter().zip(&estimate.numbers);
@@ -48,26 +46,27 @@ impl Problem {
                 graph.add(prior, noise)?;
             }
             (Some(first), None) => {
-                graph.add(Prior::pose(*first, Pose::IDENTITY), Noise::sigmas(&[ORIGIN_SIGMA; 3])?)?;
-                graph.add(Prior::vector(calibration, &Odometry::CALIBRATED), Noise::sigmas(&CALIBRATION_SIGMAS)?)?;
+                graph.add(W::origin().prior(*first), Noise::sigmas(&vec![ORIGIN_SIGMA; W::POSE])?)?;
+                let sigmas = Noise::sigmas(model.calibration_sigmas().as_ref())?;
+                graph.add(Prior::vector(calibration, W::CALIBRATED.as_ref()), sigmas)?;
             }
             (None, _) => {}
         }
         for (ends, keyframe) in poses.windows(2).zip(keyframes.iter().skip(1)) {
-            let variances = motion_variances(model.sensors.odometry.variances(&keyframe.motion));
-            let factor = Odometry::new(ends[0], ends[1], calibration, keyframe.motion.start_from_end);
-            graph.add(factor, Noise::sigmas(variances.map(f64::sqrt).as_slice())?)?;
+            let sigmas: Vec<f64> = model.motion_variances(&keyframe.motion).into_iter().map(f64::sqrt).collect();
+            let factor = W::motion_factor([ends[0], ends[1]], calibration, &keyframe.motion);
+            graph.add(factor, Noise::sigmas(&sigmas)?)?;
         }
         for (landmark, at) in landmarks.iter().zip(&estimate.landmarks) {
-            graph.add(Prior::point(*landmark, at.position), Noise::sigmas(&[ANYWHERE_SIGMA; 2])?)?;
+            graph.add(at.position.prior(*landmark), Noise::sigmas(&vec![ANYWHERE_SIGMA; W::POINT])?)?;
         }
         for ((keyframe, pose), pairs) in keyframes.iter().zip(&poses).zip(&estimate.weights) {
             for pair in pairs {
                 let seen = &keyframe.seen[pair.detection].1;
-                let factor = RangeBearing::new(*pose, landmarks[pair.landmark], seen.range, seen.bearing)
-                    .from_sensor(model.sensors.robot_from_sensor);
-                let sigmas = model.variances(seen).map(f64::sqrt) * tempering;
-                let term = graph.add(factor, Noise::sigmas(sigmas.as_slice())?)?;
+                let factor = W::detection_factor(model.sensors(), *pose, landmarks[pair.landmark], seen);
+                let mut sigmas = model.variances(seen);
+                sigmas.as_mut().iter_mut().for_each(|variance| *variance = variance.sqrt() * tempering);
+                let term = graph.add(factor, Noise::sigmas(sigmas.as_ref())?)?;
                 graph.set_loss(term, Loss::Cauchy(LOSS_SCALE))?;
                 graph.set_weight(term, pair.weight)?;
             }
@@ -76,16 +75,16 @@ impl Problem {
     }
 
     /// Solves it, and writes the solution to the estimate.
-    pub fn solve(&mut self, estimate: &mut Estimate) -> Result<(), SemanticError> {
+    pub fn solve<W: World>(&mut self, estimate: &mut Estimate<W>) -> Result<(), SemanticError> {
         // The next sweep changes the weights: a path that is exact to a millimetre is enough for it.
         let config = SolverConfig { iterations: 15, relative_tolerance: 1e-5, absolute_tolerance: 1e-3 };
         Solver::new(config).solve(&self.graph, &mut self.values)?;
         for (pose, id) in estimate.poses.iter_mut().zip(&self.poses) {
-            *pose = self.values.pose(*id)?;
+            *pose = Value::read(&self.values, *id)?;
         }
-        estimate.calibration.copy_from_slice(self.values.vector(self.calibration)?);
+        estimate.calibration.as_mut().copy_from_slice(self.values.vector(self.calibration)?);
         for (landmark, id) in estimate.landmarks.iter_mut().zip(&self.landmarks) {
-            landmark.position = self.values.point(*id)?;
+            landmark.position = Value::read(&self.values, *id)?;
         }
         Ok(())
     }
@@ -106,16 +105,16 @@ impl Problem {
     }
 }
 
-/// The prior of a window: everything older, summarised in one Gaussian of pose, calibration and landmarks.
-fn known_before(
-    before: &Hypothesis,
+/// What a hypothesis knew: everything older than the window, summed up in one Gaussian of pose, calibration and landmarks.
+fn known_before<W: World>(
+    before: &Hypothesis<W>,
     pose: VariableId,
     calibration: VariableId,
     known: impl Iterator<Item = (VariableId, usize)>,
 ) -> Result<(Prior, Noise), SemanticError> {
     let (ids, places): (Vec<VariableId>, Vec<usize>) = known.unzip();
-    let points = ids.iter().zip(&places).map(|(id, place)| Prior::point(*id, before.landmarks[*place].position));
-    let own = [Prior::pose(pose, before.pose), Prior::vector(calibration, before.calibration.as_slice())];
+    let points = ids.iter().zip(&places).map(|(id, place)| before.landmarks[*place].position.prior(*id));
+    let own = [before.pose.prior(pose), Prior::vector(calibration, before.calibration.as_ref())];
     let covariance = before.covariance_of(&places);
     // The origin is known exactly, and rounding leaves a covariance that is not quite positive.
     let least = DMatrix::identity(covariance.nrows(), covariance.ncols()) * (ORIGIN_SIGMA * ORIGIN_SIGMA);

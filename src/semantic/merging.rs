@@ -5,13 +5,14 @@
 //! Landmarks of clutter are dropped in the same way.
 
 use super::estimate::Estimate;
+use super::world::World;
 use super::{Mapping, SemanticError};
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{DMatrix, DVector};
 
-/// 99.9 % of χ² with two degrees of freedom.
-const GATE: f64 = 13.8;
-/// Largest distance of two landmarks that are merged \[m\]: without the bound, all landmarks of a loop that is not closed yet
-/// would agree, as they are uncertain by metres.
+/// 99.9 % of χ², with as many degrees of freedom as a landmark has coordinates: two and three.
+const GATES: [f64; 2] = [13.8, 16.3];
+/// No object is mapped this far from itself \[m\]: without the bound, landmarks of a loop that is not closed yet, which are
+/// uncertain by metres, would all be alike.
 const FARTHEST: f64 = 1.5;
 
 /// Two landmarks that may be one, and how far they are apart.
@@ -19,22 +20,24 @@ type Twins = (usize, usize, f64);
 
 /// Landmarks of one class that may be the same, where their places are uncertain by another `sigma` \[m\]: the closest first,
 /// each landmark in one pair at most.
-fn twins(mapping: &Mapping<'_>, estimate: &Estimate, sigma: f64) -> Result<Vec<Twins>, SemanticError> {
+fn twins<W: World>(mapping: &Mapping<'_, W>, estimate: &Estimate<W>, sigma: f64) -> Result<Vec<Twins>, SemanticError> {
     let problem = mapping.problem(estimate, 1.0)?;
     let covariances = problem.covariances()?;
     let landmarks = &estimate.landmarks;
     let mut all: Vec<Twins> = Vec::new();
     for (a, one) in landmarks.iter().enumerate() {
         for (b, other) in landmarks.iter().enumerate().skip(a + 1) {
-            let apart = one.position - other.position;
+            let [one_at, other_at]: [W::Numbers; 2] = [one.position.into(), other.position.into()];
+            let apart = DVector::from_column_slice(one_at.as_ref()) - DVector::from_column_slice(other_at.as_ref());
             if one.class() != other.class() || apart.norm() > FARTHEST {
                 continue;
             }
             let joint = covariances.joint(&[problem.landmarks()[a], problem.landmarks()[b]])?;
-            let block = |row, column| -> Matrix2<f64> { joint.fixed_view::<2, 2>(row, column).into_owned() };
-            let difference = block(0, 0) + block(2, 2) - block(0, 2) - block(2, 0);
-            let squared = squared_distance(apart, difference + Matrix2::identity() * (sigma * sigma));
-            if squared < GATE {
+            let size = W::POINT;
+            let block = |row, column| joint.view((row, column), (size, size));
+            let difference = block(0, 0) + block(size, size) - block(0, size) - block(size, 0);
+            let squared = squared_distance(&apart, difference + DMatrix::identity(size, size) * (sigma * sigma));
+            if squared < GATES[size - 2] {
                 all.push((a, b, squared));
             }
         }
@@ -45,12 +48,12 @@ fn twins(mapping: &Mapping<'_>, estimate: &Estimate, sigma: f64) -> Result<Vec<T
     Ok(all)
 }
 
-fn squared_distance(apart: Vector2<f64>, covariance: Matrix2<f64>) -> f64 {
-    covariance.try_inverse().map_or(f64::INFINITY, |inverse| (inverse * apart).dot(&apart))
+fn squared_distance(apart: &DVector<f64>, covariance: DMatrix<f64>) -> f64 {
+    covariance.try_inverse().map_or(f64::INFINITY, |inverse| (inverse * apart).dot(apart))
 }
 
-/// The estimate with these landmarks merged: the heavier one takes over the pairs of the lighter one.
-fn merged(estimate: &Estimate, twins: &[Twins]) -> Estimate {
+/// The estimate with these landmarks in one: the lighter one's pairs are the heavier one's.
+fn merged<W: World>(estimate: &Estimate<W>, twins: &[Twins]) -> Estimate<W> {
     let mut merged = estimate.clone();
     let mut into: Vec<usize> = (0..estimate.landmarks.len()).collect();
     for &(a, b, _) in twins {
@@ -65,7 +68,11 @@ fn merged(estimate: &Estimate, twins: &[Twins]) -> Estimate {
 }
 
 /// Merges landmarks, and drops them, as long as the objective rises.
-pub fn merge(mapping: &Mapping<'_>, mut best: Estimate, mut objective: f64) -> Result<(Estimate, f64), SemanticError> {
+pub fn merge<W: World>(
+    mapping: &Mapping<'_, W>,
+    mut best: Estimate<W>,
+    mut objective: f64,
+) -> Result<(Estimate<W>, f64), SemanticError> {
     while merge_all(mapping, &mut best, &mut objective)? {}
     while merge_neighbours(mapping, &mut best, &mut objective)? {}
     while drop_lightest(mapping, &mut best, &mut objective)? {}
@@ -73,7 +80,11 @@ pub fn merge(mapping: &Mapping<'_>, mut best: Estimate, mut objective: f64) -> R
 }
 
 /// Merges all landmarks that may be one by what the graph knows, or the closest half of them, or the closest half of those.
-fn merge_all(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut f64) -> Result<bool, SemanticError> {
+fn merge_all<W: World>(
+    mapping: &Mapping<'_, W>,
+    best: &mut Estimate<W>,
+    objective: &mut f64,
+) -> Result<bool, SemanticError> {
     let mut twins = twins(mapping, best, 0.0)?;
     while !twins.is_empty() {
         let mut trial = merged(best, &twins);
@@ -88,11 +99,14 @@ fn merge_all(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut f64) ->
     Ok(false)
 }
 
-/// Merges two landmarks that are no farther apart than the error of one detection: errors of detections from one place are
-/// correlated, so the covariance of the graph is too small. One pair at a time, as distinct objects may be as close.
-fn merge_neighbours(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut f64) -> Result<bool, SemanticError> {
-    let noise = mapping.model.sensors.noise;
-    for pair in twins(mapping, best, noise.range.hypot(noise.position))? {
+/// Merges two landmarks that are no farther apart than one detection errs: errors of detections from one place are alike,
+/// and twins are farther apart than the graph believes. One at a time, for other objects may stand as near.
+fn merge_neighbours<W: World>(
+    mapping: &Mapping<'_, W>,
+    best: &mut Estimate<W>,
+    objective: &mut f64,
+) -> Result<bool, SemanticError> {
+    for pair in twins(mapping, best, mapping.model.error)? {
         let trial = merged(best, &[pair]);
         if try_out(mapping, trial, best, objective)? {
             return Ok(true);
@@ -102,7 +116,11 @@ fn merge_neighbours(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut 
 }
 
 /// Drops the lightest landmark: its detections may be clutter.
-fn drop_lightest(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut f64) -> Result<bool, SemanticError> {
+fn drop_lightest<W: World>(
+    mapping: &Mapping<'_, W>,
+    best: &mut Estimate<W>,
+    objective: &mut f64,
+) -> Result<bool, SemanticError> {
     let landmarks = best.landmarks.iter().enumerate();
     let Some((lightest, _)) = landmarks.min_by(|(_, a), (_, b)| a.weight.total_cmp(&b.weight)) else {
         return Ok(false);
@@ -112,11 +130,11 @@ fn drop_lightest(mapping: &Mapping<'_>, best: &mut Estimate, objective: &mut f64
     try_out(mapping, trial, best, objective)
 }
 
-/// Accepts a trial if its objective is higher after one more sweep.
-fn try_out(
-    mapping: &Mapping<'_>,
-    mut trial: Estimate,
-    best: &mut Estimate,
+/// Takes a trial, after one sweep more, if it is better.
+fn try_out<W: World>(
+    mapping: &Mapping<'_, W>,
+    mut trial: Estimate<W>,
+    best: &mut Estimate<W>,
     objective: &mut f64,
 ) -> Result<bool, SemanticError> {
     mapping.sweep(&mut trial, 1.0)?;

@@ -1,27 +1,31 @@
-//! Semantic SLAM in the plane by expectation maximisation (S. L. Bowman, N. Atanasov, K. Daniilidis, G. J. Pappas,
+//! Semantic SLAM by expectation maximisation, in the plane and in space (S. L. Bowman, N. Atanasov, K. Daniilidis, G. J. Pappas,
 //! "Probabilistic Data Association for Semantic SLAM", ICRA 2017).
 //!
-//! A recording holds odometry and detections: objects of a class at a range and bearing, without identity. Wanted are the
-//! path x, the landmarks l with their classes, and which detection shows which landmark. The paper treats this data
-//! association as a hidden variable D:
+//! A recording holds odometry and detections: objects of a class at a range and bearing, or in space at a pixel and a
+//! disparity, and nobody tells which object. Wanted are the path x, the landmarks l with their classes, and which detection shows which landmark. The paper takes
+//! the last one for a hidden variable D:
 //!
 //! - E step (eq. 5): w_kj = Σ over assignments D with D(k) = j of p(D | x, l, detections), for every keyframe.
 //! - M step (eq. 6): x, l = arg min Σ w_kj ρ(detection k less landmark j as seen) + odometry.
 //!
 //! Here both go over all keyframes in each sweep, where the paper weighs a keyframe once; ρ is Cauchy's loss, and the
-//! odometry's calibration (forward scale, turn scale, curvature) is estimated with the path, and so is how often an object in
-//! view is detected: a map whose objects are in view and not detected is wrong.
+//! odometry's calibration (scale, turn scale, in the plane curvature) is estimated with the path, and so is how often an object in
+//! view is detected: a map is wrong where its objects are in view and not seen.
 //!
 //! EM converges to a local optimum, so it needs a start in the right basin. That is found by a beam of hypotheses in a forward
 //! pass, run with several densities of new landmarks. The sweeps refine each run, landmarks mapped twice are merged, clutter
 //! is dropped, and the run of the highest objective is the result.
 //!
+//! All of it is written once. A [`World`] is what differs: what poses are, how they move, and how a landmark is seen.
+//!
 //! | File | Task |
 //! |---|---|
-//! | `config` | the configuration |
-//! | `keyframes` | the times at which the pose is estimated |
+//! | `config` | what can be set |
+//! | `world` | the plane and space |
+//! | `keyframes` | the moments whose pose is estimated |
 //! | `sensor_model` | densities of detections and motions |
 //! | `hypothesis`, `beam` | the forward pass |
+//! | `linear` | the algebra of its filter |
 //! | `window` | the same online, a few keyframes at a time |
 //! | `estimate`, `objective` | path, map and weights; how good they are |
 //! | `history` | hypotheses and sweeps that led to the result |
@@ -40,6 +44,7 @@ mod estimate;
 mod history;
 mod hypothesis;
 mod keyframes;
+mod linear;
 mod m_step;
 mod merging;
 mod objective;
@@ -48,23 +53,23 @@ mod result;
 mod sensor_model;
 mod verdict;
 mod window;
+mod world;
 
 pub use config::{NEW_DENSITIES, SemanticConfig};
 pub use estimate::Landmark;
 pub use history::{Candidate, History, Sweep};
 pub use result::{Mapped, RunScore, SemanticMap, Weight};
 pub use verdict::Verdict;
+pub use world::{Plane, Space, Square, World};
 
-use crate::detections::Recording;
 use crate::factor_graph::{GraphError, VariableId};
-use crate::geometry::Pose;
 use crate::parameters::ConfigError;
 use beam::{Beam, Pass};
 use estimate::{Estimate, Pair};
 use hypothesis::Hypothesis;
 use keyframes::Keyframe;
 use m_step::Problem;
-use nalgebra::{Matrix2, Matrix3};
+use nalgebra::DMatrix;
 use progress::Progress;
 use rayon::prelude::*;
 use sensor_model::SensorModel;
@@ -99,12 +104,12 @@ pub type Objects = [Vec<Option<u64>>];
 /// Maps a recording. `progress` is called with the share that is done, 0 to 1.
 ///
 /// # Errors
-/// A value of the configuration is out of its range, nothing was seen, or a graph has no solution.
-pub fn map(
-    recording: &Recording,
+/// The configuration cannot be, nothing was seen, or a graph has no solution.
+pub fn map<W: World>(
+    recording: &W::Recording,
     config: &SemanticConfig,
     progress: &(dyn Fn(f64) + Sync),
-) -> Result<SemanticMap, SemanticError> {
+) -> Result<SemanticMap<W>, SemanticError> {
     with_mapping(recording, config, progress, |_, _| true, |mapping| mapping.map())
 }
 
@@ -112,24 +117,24 @@ pub fn map(
 ///
 /// # Errors
 /// Those of [`map`].
-pub fn map_known(
-    recording: &Recording,
+pub fn map_known<W: World>(
+    recording: &W::Recording,
     objects: &Objects,
     config: &SemanticConfig,
     progress: &(dyn Fn(f64) + Sync),
-) -> Result<SemanticMap, SemanticError> {
+) -> Result<SemanticMap<W>, SemanticError> {
     let is_known = |frame, detection| object(objects, frame, detection).is_some();
     with_mapping(recording, config, progress, is_known, |mapping| mapping.map_known(objects))
 }
 
-/// Prepares the `wanted` detections of a recording and maps them by `work`.
-fn with_mapping(
-    recording: &Recording,
+/// Prepares a recording of which some detections are `wanted`, and does something with it.
+fn with_mapping<W: World>(
+    recording: &W::Recording,
     config: &SemanticConfig,
     progress: &(dyn Fn(f64) + Sync),
     wanted: impl Fn(usize, usize) -> bool,
-    work: impl FnOnce(&Mapping<'_>) -> Result<SemanticMap, SemanticError>,
-) -> Result<SemanticMap, SemanticError> {
+    work: impl FnOnce(&Mapping<'_, W>) -> Result<SemanticMap<W>, SemanticError>,
+) -> Result<SemanticMap<W>, SemanticError> {
     config.validate()?;
     let keyframes = keyframes::keyframes(recording, config.interval, wanted);
     if keyframes.is_empty() {
@@ -142,34 +147,34 @@ fn with_mapping(
 
 /// Keyframes that are mapped together.
 #[derive(Clone, Copy)]
-struct Mapping<'a> {
-    model: &'a SensorModel<'a>,
-    keyframes: &'a [Keyframe],
+struct Mapping<'a, W: World> {
+    model: &'a SensorModel<'a, W>,
+    keyframes: &'a [Keyframe<W>],
     config: &'a SemanticConfig,
     progress: &'a Progress<'a>,
-    /// The state at the first keyframe by the keyframes before it.
-    before: Option<&'a Hypothesis>,
+    /// What is known of the first one from those before it.
+    before: Option<&'a Hypothesis<W>>,
 }
 
-/// The result with one density of new landmarks.
-struct Run {
-    estimate: Estimate,
+/// What came of one density of new landmarks.
+struct Run<W: World> {
+    estimate: Estimate<W>,
     objective: f64,
-    history: History,
-    /// Covariance of each pose.
-    covariances: Vec<Matrix3<f64>>,
+    history: History<W>,
+    /// Of each pose.
+    covariances: Vec<W::PoseCovariance>,
 }
 
 fn object(objects: &Objects, frame: usize, detection: usize) -> Option<u64> {
     objects.get(frame)?.get(detection).copied().flatten()
 }
 
-impl Mapping<'_> {
+impl<W: World> Mapping<'_, W> {
     /// One run for each density of new landmarks; the objective chooses.
-    fn map(&self) -> Result<SemanticMap, SemanticError> {
+    fn map(&self) -> Result<SemanticMap<W>, SemanticError> {
         let found: Vec<_> = NEW_DENSITIES.par_iter().map(|density| self.run(*density)).collect();
-        let mut found: Vec<Run> = found.into_iter().collect::<Result<_, _>>()?;
-        let score = |(new_density, run): (f64, &Run)| RunScore {
+        let mut found: Vec<Run<W>> = found.into_iter().collect::<Result<_, _>>()?;
+        let score = |(new_density, run): (f64, &Run<W>)| RunScore {
             new_density,
             objective: run.objective,
             landmarks: run.estimate.landmarks.len(),
@@ -183,7 +188,7 @@ impl Mapping<'_> {
     }
 
     /// The M step alone, under weights that are known.
-    fn map_known(&self, objects: &Objects) -> Result<SemanticMap, SemanticError> {
+    fn map_known(&self, objects: &Objects) -> Result<SemanticMap<W>, SemanticError> {
         let object = |frame, detection| object(objects, frame, detection);
         let mut estimate = self.start(beam::forward_known(self.model, self.keyframes, object));
         let mut history = History::default();
@@ -199,8 +204,8 @@ impl Mapping<'_> {
     }
 
     /// Forward pass, sweeps and merging.
-    fn run(&self, new_density: f64) -> Result<Run, SemanticError> {
-        let log_new = self.model.log_density_of_any_label(new_density);
+    fn run(&self, new_density: f64) -> Result<Run<W>, SemanticError> {
+        let log_new = self.model.log_new(new_density);
         let mut beam = Beam::new(self.model, log_new, self.config);
         if self.config.window > 0 {
             return window::run(self, beam);
@@ -222,8 +227,8 @@ impl Mapping<'_> {
         Ok(Run { estimate, objective, history: History { candidates: beam.candidates, sweeps }, covariances })
     }
 
-    /// E and M steps from the estimate of a forward pass; `report` is called after each sweep.
-    fn sweeps(&self, pass: Pass, mut report: impl FnMut(&Estimate)) -> Result<Estimate, SemanticError> {
+    /// E and M steps from what a forward pass leads to; each sweep is told.
+    fn sweeps(&self, pass: Pass<W>, mut tell: impl FnMut(&Estimate<W>)) -> Result<Estimate<W>, SemanticError> {
         let mut estimate = self.start(pass);
         self.maximise(&mut estimate, FIRST_TEMPERING)?;
         for tempering in self.temperings() {
@@ -240,10 +245,10 @@ impl Mapping<'_> {
     }
 
     /// The estimate that a forward pass leads to.
-    fn start(&self, pass: Pass) -> Estimate {
+    fn start(&self, pass: Pass<W>) -> Estimate<W> {
         let landmark = |position: &_| Landmark {
             position: *position,
-            covariance: Matrix2::zeros(),
+            covariance: Square::of(&DMatrix::zeros(W::POINT, W::POINT)),
             classes: Vec::new(),
             weight: 0.0,
         };
@@ -262,14 +267,14 @@ impl Mapping<'_> {
             numbers: pass.landmarks.into_keys().collect(),
             poses: pass.poses,
             calibration: pass.calibration,
-            detection_probability: self.model.sensors.detector.detection_probability,
+            detection_probability: self.model.detection_probability(),
         };
         e_step::class_posteriors(self.model, self.keyframes, &mut estimate, self.before);
         estimate
     }
 
     /// One E step and one M step.
-    fn sweep(&self, estimate: &mut Estimate, tempering: f64) -> Result<(), SemanticError> {
+    fn sweep(&self, estimate: &mut Estimate<W>, tempering: f64) -> Result<(), SemanticError> {
         self.expect(estimate, tempering);
         let light: Vec<bool> =
             estimate.landmarks.iter().map(|landmark| landmark.weight < MIN_LANDMARK_WEIGHT).collect();
@@ -278,36 +283,36 @@ impl Mapping<'_> {
     }
 
     /// One E step.
-    fn expect(&self, estimate: &mut Estimate, tempering: f64) {
+    fn expect(&self, estimate: &mut Estimate<W>, tempering: f64) {
         e_step::e_step(self.model, self.keyframes, estimate, self.config.association, tempering, self.before);
     }
 
     /// One M step.
-    fn maximise(&self, estimate: &mut Estimate, tempering: f64) -> Result<(), SemanticError> {
+    fn maximise(&self, estimate: &mut Estimate<W>, tempering: f64) -> Result<(), SemanticError> {
         self.problem(estimate, tempering)?.solve(estimate)
     }
 
-    fn problem(&self, estimate: &Estimate, tempering: f64) -> Result<Problem, SemanticError> {
+    fn problem(&self, estimate: &Estimate<W>, tempering: f64) -> Result<Problem, SemanticError> {
         Problem::new(self.model, self.keyframes, estimate, tempering, self.before)
     }
 
-    fn objective(&self, estimate: &Estimate) -> f64 {
+    fn objective(&self, estimate: &Estimate<W>) -> f64 {
         estimate.objective(self.model, self.keyframes, self.config.landmark_cost)
     }
 
-    /// The covariances of the poses; those of the landmarks are stored in the estimate.
-    fn covariances(&self, estimate: &mut Estimate) -> Result<Vec<Matrix3<f64>>, SemanticError> {
+    /// The covariances of the poses; those of the landmarks are written to them.
+    fn covariances(&self, estimate: &mut Estimate<W>) -> Result<Vec<W::PoseCovariance>, SemanticError> {
         let problem = self.problem(estimate, 1.0)?;
         let covariances = problem.covariances()?;
         for (landmark, id) in estimate.landmarks.iter_mut().zip(problem.landmarks()) {
-            landmark.covariance.copy_from(&covariances.block(*id)?);
+            landmark.covariance = Square::of(&covariances.block(*id)?);
         }
-        let of_pose = |id: &VariableId| Ok(Matrix3::from_column_slice(covariances.block(*id)?.as_slice()));
+        let of_pose = |id: &VariableId| Ok(Square::of(&covariances.block(*id)?));
         problem.poses().iter().map(of_pose).collect()
     }
 
     /// A run as a result.
-    fn finish(&self, run: Run, runs: Vec<RunScore>, others: &[Run]) -> SemanticMap {
+    fn finish(&self, run: Run<W>, runs: Vec<RunScore>, others: &[Run<W>]) -> SemanticMap<W> {
         let Run { estimate, objective, history, covariances } = run;
         let mut weights = Vec::new();
         for (keyframe, pairs) in self.keyframes.iter().zip(&estimate.weights) {
@@ -320,13 +325,13 @@ impl Mapping<'_> {
             }));
         }
         let moments = self.keyframes.iter().zip(&estimate.poses).zip(covariances);
-        let mapped = |((keyframe, pose), covariance): ((&Keyframe, &Pose), _)| Mapped {
+        let mapped = |((keyframe, pose), covariance): ((&Keyframe<W>, &W::Pose), _)| Mapped {
             stamp: keyframe.stamp,
             pose: *pose,
             covariance,
             frame: keyframe.frame,
         };
-        let keyframes: Vec<Mapped> = moments.map(mapped).collect();
+        let keyframes: Vec<Mapped<W>> = moments.map(mapped).collect();
         let agreeing = others.iter().filter(|other| is_same_path(&keyframes, &other.estimate.poses)).count();
         let agreeing = (!others.is_empty()).then_some(agreeing);
         SemanticMap {
@@ -334,7 +339,7 @@ impl Mapping<'_> {
             keyframes,
             landmarks: estimate.landmarks,
             weights,
-            calibration: estimate.calibration.into(),
+            calibration: estimate.calibration,
             detection_probability: estimate.detection_probability,
             objective,
             runs,
@@ -345,10 +350,11 @@ impl Mapping<'_> {
 }
 
 /// Whether each position of a path is within three standard deviations of where it was mapped.
-fn is_same_path(mapped: &[Mapped], poses: &[Pose]) -> bool {
+fn is_same_path<W: World>(mapped: &[Mapped<W>], poses: &[W::Pose]) -> bool {
     mapped.iter().zip(poses).all(|(mapped, pose)| {
-        let apart = pose.position() - mapped.pose.position();
-        let position: Matrix2<f64> = mapped.covariance.fixed_view::<2, 2>(0, 0).into_owned();
-        apart.norm_squared() <= 9.0 * position.symmetric_eigenvalues().max().max(1e-6)
+        let (apart, _) = W::apart(*pose, mapped.pose);
+        let covariance = DMatrix::from_column_slice(W::POSE, W::POSE, mapped.covariance.entries());
+        let position = covariance.view((0, 0), (W::POINT, W::POINT)).into_owned();
+        apart * apart <= 9.0 * position.symmetric_eigenvalues().max().max(1e-6)
     })
 }

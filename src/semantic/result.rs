@@ -3,9 +3,9 @@
 use super::estimate::Landmark;
 use super::history::History;
 use super::verdict::Verdict;
-use crate::geometry::{Pose, StampedPose};
+use super::world::{Plane, Space, Square, World};
+use crate::geometry::{StampedPose, StampedPose3};
 use crate::report::Bits;
-use nalgebra::Matrix3;
 
 /// A weight of the E step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,28 +33,28 @@ pub struct RunScore {
 
 /// The estimate at a keyframe.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mapped {
+pub struct Mapped<W: World = Plane> {
     /// Seconds.
     pub stamp: f64,
     /// `world_from_robot`.
-    pub pose: Pose,
-    /// Covariance of the pose in its own frame: forward, sideways \[m\], turn \[rad\]; as seen from the first pose.
-    pub covariance: Matrix3<f64>,
-    /// Number of the frame in the recording; `None` if nothing was seen.
+    pub pose: W::Pose,
+    /// Covariance of the pose in its own frame, by translation \[m\] and rotation \[rad\]; as seen from the first pose.
+    pub covariance: W::PoseCovariance,
+    /// Number of the frame in the recording; none where nothing was seen.
     pub frame: Option<usize>,
 }
 
 /// A recording, mapped.
 #[derive(Clone, Debug)]
-pub struct SemanticMap {
-    /// The path: the estimates at all keyframes.
-    pub keyframes: Vec<Mapped>,
+pub struct SemanticMap<W: World = Plane> {
+    /// The moments whose pose was estimated.
+    pub keyframes: Vec<Mapped<W>>,
     /// The map.
-    pub landmarks: Vec<Landmark>,
+    pub landmarks: Vec<Landmark<W>>,
     /// Weights of at least 0.02, frame by frame.
     pub weights: Vec<Weight>,
-    /// Forward scale, turn scale, curvature \[rad/m\] of the odometry.
-    pub calibration: [f64; 3],
+    /// Of the odometry: in the plane forward scale, turn scale and curvature \[rad/m\], in space scale and turn scale.
+    pub calibration: W::Calibration,
     /// How often a landmark in view is detected.
     pub detection_probability: f64,
     /// The objective \[nats\].
@@ -65,8 +65,8 @@ pub struct SemanticMap {
     pub detections: usize,
     /// Whether the map is consistent with the data.
     pub verdict: Verdict,
-    /// The history of the run that the objective chose.
-    pub history: History,
+    /// How the run came about that the objective chose.
+    pub history: History<W>,
 }
 
 impl SemanticMap {
@@ -74,14 +74,23 @@ impl SemanticMap {
     pub fn trajectory(&self) -> Vec<StampedPose> {
         self.keyframes.iter().map(|&Mapped { stamp, pose, .. }| StampedPose { stamp, pose }).collect()
     }
+}
 
+impl SemanticMap<Space> {
+    /// The path.
+    pub fn trajectory3(&self) -> Vec<StampedPose3> {
+        self.keyframes.iter().map(|&Mapped { stamp, pose, .. }| StampedPose3 { stamp, pose }).collect()
+    }
+}
+
+impl<W: World> SemanticMap<W> {
     /// A number that changes with any bit of path, landmarks, weights, calibration or objective.
     pub fn checksum(&self) -> u32 {
         let mut bits = Bits::default();
         for keyframe in &self.keyframes {
-            bits.pose(keyframe.pose);
+            bits.add(W::coordinates(keyframe.pose));
             bits.add([keyframe.stamp]);
-            bits.add(keyframe.covariance.iter().copied());
+            bits.add(keyframe.covariance.entries().iter().copied());
         }
         for landmark in &self.landmarks {
             landmark.add_to(&mut bits);
@@ -89,7 +98,7 @@ impl SemanticMap {
         for Weight { frame, detection, landmark, weight } in &self.weights {
             bits.add([*frame as f64, *detection as f64, *landmark as f64, *weight]);
         }
-        bits.add(self.calibration);
+        bits.add(self.calibration.as_ref().iter().copied());
         bits.add([self.detection_probability, self.objective]);
         bits.finish()
     }

@@ -5,9 +5,8 @@
 
 use super::estimate::Estimate;
 use super::keyframes::Keyframe;
-use super::sensor_model::{CALIBRATION_SIGMAS, SensorModel};
-use crate::factor_graph::Odometry;
-use nalgebra::Vector3;
+use super::sensor_model::{SensorModel, squared_errors};
+use super::world::World;
 use serde::Serialize;
 
 /// A visit is long if this number of detections of the object is expected in it: the probability of none is e⁻⁵, less than a
@@ -46,22 +45,21 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// Evaluates an estimate.
-    pub(super) fn new(
-        model: &SensorModel<'_>,
-        keyframes: &[Keyframe],
-        estimate: &Estimate,
+    /// Looks at an estimate.
+    pub(super) fn new<W: World>(
+        model: &SensorModel<'_, W>,
+        keyframes: &[Keyframe<W>],
+        estimate: &Estimate<W>,
         agreeing_runs: Option<usize>,
     ) -> Self {
         let (explained, detection_error) = detections(model, keyframes, estimate);
-        let off = estimate.calibration - Vector3::from(Odometry::CALIBRATED);
         let steps = keyframes.len().saturating_sub(1).max(1);
         Self {
             explained,
             unseen: unseen(model, keyframes, estimate),
             detection_error,
-            odometry_error: 2.0 * estimate.odometry_cost(model, keyframes) / (3 * steps) as f64,
-            calibration: off.component_div(&Vector3::from(CALIBRATION_SIGMAS)).amax(),
+            odometry_error: 2.0 * estimate.odometry_cost(model, keyframes) / (W::POSE * steps) as f64,
+            calibration: estimate.calibrated_by(model).map(f64::abs).fold(0.0, f64::max),
             agreeing_runs,
         }
     }
@@ -103,17 +101,17 @@ impl Verdict {
 }
 
 /// The share of detections that are explained, and the mean squared error of a number.
-fn detections(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &Estimate) -> (f64, f64) {
+fn detections<W: World>(model: &SensorModel<'_, W>, keyframes: &[Keyframe<W>], estimate: &Estimate<W>) -> (f64, f64) {
     let (mut explained, mut squared, mut sum) = (0.0, 0.0, 0.0);
     for ((keyframe, pose), pairs) in keyframes.iter().zip(&estimate.poses).zip(&estimate.weights) {
         for pair in pairs {
             explained += pair.weight;
             let seen = &keyframe.seen[pair.detection].1;
             if let Some(prediction) = model.predict(*pose, estimate.landmarks[pair.landmark].position) {
-                let innovation = prediction.innovation(seen.range, seen.bearing);
-                let error = innovation.component_mul(&innovation).component_div(&model.variances(seen));
-                squared += pair.weight * error.map(|squared| squared.min(9.0)).sum();
-                sum += 2.0 * pair.weight;
+                let (errors, variances) = (squared_errors::<W>(&prediction, seen), model.variances(seen));
+                let errors = errors.as_ref().iter().zip(variances.as_ref());
+                squared += pair.weight * errors.map(|(error, variance)| (error / variance).min(9.0)).sum::<f64>();
+                sum += W::POINT as f64 * pair.weight;
             }
         }
     }
@@ -130,7 +128,7 @@ struct Visit {
 }
 
 /// The share of the long visits' frames that are of visits without a detection.
-fn unseen(model: &SensorModel<'_>, keyframes: &[Keyframe], estimate: &Estimate) -> Option<f64> {
+fn unseen<W: World>(model: &SensorModel<'_, W>, keyframes: &[Keyframe<W>], estimate: &Estimate<W>) -> Option<f64> {
     let mut visits = Vec::new();
     let mut open = vec![Visit::default(); estimate.landmarks.len()];
     for ((keyframe, pose), pairs) in keyframes.iter().zip(&estimate.poses).zip(&estimate.weights) {

@@ -12,16 +12,15 @@ use super::beam::Beam;
 use super::estimate::Estimate;
 use super::history::{History, Sweep};
 use super::keyframes::Keyframe;
+use super::world::World;
 use super::{MIN_LANDMARK_WEIGHT, Mapping, Run, SemanticError};
-use crate::geometry::Pose;
-use nalgebra::Matrix3;
 
 /// Goes through all keyframes once.
-pub fn run(mapping: &Mapping<'_>, mut beam: Beam<'_>) -> Result<Run, SemanticError> {
+pub fn run<W: World>(mapping: &Mapping<'_, W>, mut beam: Beam<'_, W>) -> Result<Run<W>, SemanticError> {
     let half = (mapping.config.window / 2).max(1);
     let all = mapping.keyframes;
-    let mut path: Vec<(Pose, Matrix3<f64>)> = Vec::with_capacity(all.len());
-    let mut last: Option<Estimate> = None;
+    let mut path: Vec<(W::Pose, W::PoseCovariance)> = Vec::with_capacity(all.len());
+    let mut last: Option<Estimate<W>> = None;
     for first in (0..all.len()).step_by(half) {
         let end = (first + half).min(all.len());
         for keyframe in &all[first..end] {
@@ -31,7 +30,7 @@ pub fn run(mapping: &Mapping<'_>, mut beam: Beam<'_>) -> Result<Run, SemanticErr
         beam.keep_states();
         // The last keyframe before the window: its detections are in its state already.
         let boundary = first.checked_sub(half + 1);
-        let mut window: Vec<Keyframe> = all[boundary.unwrap_or(0)..end].to_vec();
+        let mut window: Vec<Keyframe<W>> = all[boundary.unwrap_or(0)..end].to_vec();
         let before = boundary.and_then(|_| beam.state(window.len() - 1));
         if before.is_some() {
             window[0].seen.clear();
@@ -54,7 +53,10 @@ pub fn run(mapping: &Mapping<'_>, mut beam: Beam<'_>) -> Result<Run, SemanticErr
 }
 
 /// E and M steps over a window, and the covariances of its poses.
-fn estimate(window: &Mapping<'_>, beam: &Beam<'_>) -> Result<(Estimate, Vec<Matrix3<f64>>), SemanticError> {
+fn estimate<W: World>(
+    window: &Mapping<'_, W>,
+    beam: &Beam<'_, W>,
+) -> Result<(Estimate<W>, Vec<W::PoseCovariance>), SemanticError> {
     let mut pass = beam.pass(window.keyframes);
     if let (Some(before), Some(seen)) = (window.before, pass.assignments.first_mut()) {
         seen.clear();

@@ -23,6 +23,7 @@ mod oracle;
 mod picture;
 mod proposal;
 mod semantic;
+mod semantic_space;
 mod simulate;
 mod space;
 mod visual_inertial;

@@ -441,7 +441,7 @@ fn objects() -> (Recording, SemanticMap) {
 #[test]
 fn a_map_of_objects_shows_classes_uncertainty_and_weights() {
     let (recording, map) = objects();
-    let files = object_map("<hall>", &recording, &map, &[]).unwrap();
+    let files = object_map("<hall>", &recording, &map, &map.trajectory(), &[]).unwrap();
     assert_eq!(files.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["map.svg", "map.png"]);
     let svg = std::str::from_utf8(&files[0].1).unwrap();
     let (document, scale) = (Document::parse(svg).unwrap(), pixels_per_metre(svg));
@@ -480,7 +480,7 @@ fn strange_objects_make_a_legal_picture() {
     map.landmarks[0].position.x = f64::NAN;
     map.landmarks[1].covariance = Matrix2::repeat(f64::INFINITY);
     map.weights[1].landmark = 7;
-    let files = object_map("", &recording, &map, &[]).unwrap();
+    let files = object_map("", &recording, &map, &map.trajectory(), &[]).unwrap();
     let svg = std::str::from_utf8(&files[0].1).unwrap();
     let document = Document::parse(svg).unwrap();
     assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");

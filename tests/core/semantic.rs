@@ -4,7 +4,7 @@ use super::normals;
 use ipslam::detections::{Detection, Frame, Odometry, Recording, Sensors, Velocity, View};
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::metrics::trajectory::reference_errors;
-use ipslam::semantic::{SemanticConfig, SemanticError, SemanticMap, Weight, map, map_known};
+use ipslam::semantic::{Plane, SemanticConfig, SemanticError, SemanticMap, Weight, map, map_known};
 use nalgebra::Point2;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -64,7 +64,7 @@ fn rms(truth: &[StampedPose], trajectory: &[StampedPose]) -> f64 {
 fn mapped() -> (Recording, Vec<StampedPose>, SemanticMap) {
     let (recording, truth, _) = recording();
     let config = SemanticConfig { beam: 8, ..SemanticConfig::default() };
-    let found = map(&recording, &config, &|_| ()).unwrap();
+    let found = map::<Plane>(&recording, &config, &|_| ()).unwrap();
     (recording, truth, found)
 }
 
@@ -102,7 +102,7 @@ fn a_loop_is_mapped_that_odometry_alone_misses() {
 fn a_loop_is_mapped_online() {
     let (recording, truth, _) = recording();
     let config = SemanticConfig { beam: 8, window: 60, ..SemanticConfig::default() };
-    let found = map(&recording, &config, &|_| ()).unwrap();
+    let found = map::<Plane>(&recording, &config, &|_| ()).unwrap();
     let rms = rms(&truth, &found.trajectory());
     assert_eq!((found.keyframes.len(), found.landmarks.len()), (truth.len(), 12), "{:?}", found.runs);
     assert!(rms < 0.15, "{rms} m");
@@ -110,7 +110,7 @@ fn a_loop_is_mapped_online() {
     // A pose depends on nothing that comes more than a window later.
     let mut half = recording.clone();
     half.frames.truncate(150);
-    let half = map(&half, &config, &|_| ()).unwrap();
+    let half = map::<Plane>(&half, &config, &|_| ()).unwrap();
     let same = |count: usize| (0..count).all(|place| half.keyframes[place].pose == found.keyframes[place].pose);
     assert!(same(90) && !same(150));
 }
@@ -123,7 +123,7 @@ fn known_objects_are_mapped_as_they_are_known() {
         let mut most = most.lock().unwrap();
         *most = most.max(share);
     };
-    let found = map_known(&recording, &ids, &SemanticConfig::default(), &told).unwrap();
+    let found = map_known::<Plane>(&recording, &ids, &SemanticConfig::default(), &told).unwrap();
     let rms = rms(&truth, &found.trajectory());
     assert!(rms < 0.1, "{rms} m");
     assert_eq!(found.landmarks.len(), 12);
@@ -138,7 +138,7 @@ fn known_objects_are_mapped_as_they_are_known() {
 
     // Detections of objects that nobody knows are left out.
     let unknown: Vec<_> = ids.iter().map(|frame| frame.iter().map(|id| id.filter(|id| *id != 3)).collect()).collect();
-    let fewer = map_known(&recording, &unknown, &SemanticConfig::default(), &|_| ()).unwrap();
+    let fewer = map_known::<Plane>(&recording, &unknown, &SemanticConfig::default(), &|_| ()).unwrap();
     assert_eq!(fewer.landmarks.len(), 11);
     assert!(fewer.detections < found.detections);
 }
@@ -148,7 +148,7 @@ fn known_objects_are_mapped_as_they_are_known() {
 fn a_view_that_is_not_described_is_learnt() {
     let (mut recording, _, ids) = recording();
     recording.sensors.view = View::default();
-    let found = map_known(&recording, &ids, &SemanticConfig::default(), &|_| ()).unwrap();
+    let found = map_known::<Plane>(&recording, &ids, &SemanticConfig::default(), &|_| ()).unwrap();
     assert!(found.verdict.is_consistent() && found.detection_probability > 0.9, "{found:?}");
 }
 
@@ -161,7 +161,7 @@ fn a_place_that_is_mapped_twice_is_doubted() {
         ids.into_iter().map(|id| id.map(|id| id + 100 * (3 * frame / frames) as u64)).collect()
     };
     let ids: Vec<Vec<_>> = ids.into_iter().enumerate().map(by_round).collect();
-    let found = map_known(&recording, &ids, &SemanticConfig::default(), &|_| ()).unwrap();
+    let found = map_known::<Plane>(&recording, &ids, &SemanticConfig::default(), &|_| ()).unwrap();
     assert_eq!(found.landmarks.len(), 36);
     let doubts = found.verdict.doubts();
     assert!(doubts.iter().any(|doubt| doubt.contains("a place may be mapped twice")), "{:?}", found.verdict);
@@ -171,5 +171,5 @@ fn a_place_that_is_mapped_twice_is_doubted() {
 fn nothing_seen_is_told() {
     let (mut recording, ..) = recording();
     recording.frames.iter_mut().for_each(|frame| frame.detections.clear());
-    assert!(matches!(map(&recording, &SemanticConfig::default(), &|_| ()), Err(SemanticError::NothingSeen)));
+    assert!(matches!(map::<Plane>(&recording, &SemanticConfig::default(), &|_| ()), Err(SemanticError::NothingSeen)));
 }

@@ -2,8 +2,8 @@
 
 use crate::factor_graph::{Bent, distance, jacobian_error, patient, sigmas};
 use ipslam::factor_graph::{
-    Between3, Covariances, Factor, Graph, GraphError, Inertial, Kind, Loss, Prior, Projection, Sighting3, Track,
-    Values, VariableId, Walk,
+    Between3, Covariances, Factor, Graph, GraphError, Inertial, Kind, Loss, Odometry3, Prior, Projection, Sighting3,
+    Stereo, StereoCamera, Track, Values, VariableId, Walk,
 };
 use ipslam::geometry::{Pinhole, Pose3};
 use ipslam::inertial::{ImuBias, ImuNoise, ImuReading, Preintegration};
@@ -200,6 +200,12 @@ fn jacobians_are_the_derivatives_of_residuals() {
     check!("sighting", Sighting3::new(to, point, Point3::new(2.0, 1.0, 0.4), sensor));
     let camera = Pinhole { focal: [1.2, 1.1], centre: [0.4, 0.3] };
     check!("projection", Projection::new(to, point, Point2::new(0.7, 0.2), camera, sensor));
+    let camera = StereoCamera { pinhole: camera, baseline: 0.3, reach: 0.2, robot_from_camera: sensor };
+    check!("stereo", Stereo::new(to, point, Vector3::new(0.7, 0.2, 0.1), camera));
+    let calibration = values.add_vector(&[0.9, 1.2]);
+    let values = values;
+    let odometry = Odometry3::new(from, to, calibration, pose([1.1, 0.3, 0.2], [0.3, 0.1, -0.2]));
+    check("odometry", &odometry, &Bent(odometry.clone()), &values, 1e-8);
     let (values, inertial) = flight();
     check("inertial", &inertial, &Bent(inertial.clone()), &values, 1e-8);
 }

@@ -15,6 +15,7 @@ mod readers;
 #[cfg(feature = "record")]
 mod recording;
 mod semantic;
+mod semantic_space;
 mod visual_inertial;
 
 fn main() {
@@ -23,6 +24,7 @@ fn main() {
         mcap::trials(),
         readers::trials(),
         semantic::trials(),
+        semantic_space::trials(),
         visual_inertial::trials(),
         #[cfg(feature = "record")]
         recording::trials(),

@@ -252,9 +252,9 @@ fn the_truth_is_beside_the_recording() {
     let (recording, ids): (_, Ids) = (good(), vec![vec![None, Some(70)], vec![]]);
     let path = folder.path().join(truth::IDS);
     truth::write_ids(&path, &recording.frames, &ids).unwrap();
-    assert_eq!(truth::read_ids(&path, &recording).unwrap(), ids);
+    assert_eq!(truth::read_ids(&path, &recording.frames).unwrap(), ids);
     std::fs::write(&path, "t,number,id\n0,1,3\n0,2,4\n").unwrap();
-    let message = truth::read_ids(&path, &recording).unwrap_err().to_string();
+    let message = truth::read_ids(&path, &recording.frames).unwrap_err().to_string();
     assert!(message.contains("ids.csv:3: detection 2 of the frame at 0 is not in the recording"), "{message}");
     let landmark = truth::TrueLandmark { id: 9, class: 1, position: nalgebra::Point2::new(0.1, -2.0) };
     let path = folder.path().join(truth::LANDMARKS);
@@ -300,7 +300,7 @@ fn convert(set: Dataset, name: &str, options: &Options) -> Converted {
     datasets::write(made.path(), &converted).unwrap();
     let ReadRecording { recording, warnings } = semantic::read(made.path()).unwrap();
     assert!(recording == converted.recording && warnings.is_empty(), "{warnings:?}");
-    assert_eq!(truth::read_ids(&made.path().join(truth::IDS), &recording).unwrap(), converted.ids);
+    assert_eq!(truth::read_ids(&made.path().join(truth::IDS), &recording.frames).unwrap(), converted.ids);
     converted
 }
 
@@ -380,7 +380,13 @@ fn mrclam_is_converted() {
         assert!((next - 0.5).abs() < 0.12, "robot {robot}: {next} of the wrong labels are the next class");
     }
     let with = |seed, wrong_labels| {
-        let options = Options { robot: Some(2), seed: Some(seed), wrong_labels: Some(wrong_labels), classes: Some(5) };
+        let options = Options {
+            robot: Some(2),
+            seed: Some(seed),
+            wrong_labels: Some(wrong_labels),
+            classes: Some(5),
+            rows: None,
+        };
         convert(Dataset::MrClam, FOLDER, &options).recording.frames
     };
     assert!(with(1, 0.1) == with(1, 0.1) && with(1, 0.1) != with(2, 0.1) && with(1, 0.0) == with(2, 0.0));

@@ -3,7 +3,7 @@
 use super::{Factor, Jacobian};
 use crate::factor_graph::{GraphError, Values, VariableId};
 use crate::geometry::{Pose, wrap_angle};
-use nalgebra::{Matrix2, Matrix2x3, Point2, Vector2};
+use nalgebra::{Matrix2, Matrix2x3, Point2, SMatrix, SVector, Vector2};
 
 /// A point in the frame of a sensor on a robot.
 struct Seen {
@@ -31,19 +31,18 @@ impl Seen {
     }
 }
 
-/// A point as it would be seen: range \[m\] and bearing \[rad\], and the derivatives by a step of the pose (forward,
-/// sideways, turn) and by the point's position. Where it stands in the sensor, they are not finite.
+/// A point as it would be seen, and the derivatives by a step of the pose, of P numbers, and by the point's position.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Prediction {
-    /// Range and bearing.
-    pub mean: Vector2<f64>,
+pub struct Prediction<const P: usize, const D: usize> {
+    /// What would be measured: as many numbers as the point has.
+    pub mean: SVector<f64, D>,
     /// By the pose's step.
-    pub by_pose: Matrix2x3<f64>,
+    pub by_pose: SMatrix<f64, D, P>,
     /// By the point's position.
-    pub by_point: Matrix2<f64>,
+    pub by_point: SMatrix<f64, D, D>,
 }
 
-impl Prediction {
+impl Prediction<3, 2> {
     /// Measured less predicted, the bearing wrapped.
     pub fn innovation(&self, range: f64, bearing: f64) -> Vector2<f64> {
         Vector2::new(range - self.mean.x, wrap_angle(bearing - self.mean.y))
@@ -72,8 +71,8 @@ impl RangeBearing {
         Self { robot_from_sensor, ..self }
     }
 
-    /// What a sensor that is mounted there would measure of a point.
-    pub fn predict(world_from_robot: Pose, point: Point2<f64>, robot_from_sensor: Pose) -> Prediction {
+    /// What a sensor that is mounted there would measure of a point. Where it stands in the sensor, it is not finite.
+    pub fn predict(world_from_robot: Pose, point: Point2<f64>, robot_from_sensor: Pose) -> Prediction<3, 2> {
         let Seen { point, by_pose, by_point } = Seen::new(world_from_robot, point, robot_from_sensor);
         let range = point.norm();
         let (along, across) = (point / range, Vector2::new(-point.y, point.x) / (range * range));

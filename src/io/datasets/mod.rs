@@ -7,8 +7,8 @@
 use super::WriteError;
 use super::semantic::{self, truth};
 use super::tum;
-use crate::detections::{Detection, Frame, Recording, Sensors};
-use crate::geometry::{StampedPose, wrap_angle};
+use crate::detections::{Detection, Frame, Recording, Recording3, Sensors};
+use crate::geometry::{StampedPose, StampedPose3, wrap_angle};
 use crate::log::LogError;
 use crate::parameters::{ConfigError, check};
 use crate::random::{self, Draw};
@@ -17,8 +17,11 @@ use truth::{Ids, TrueLandmark};
 
 mod dlr;
 pub mod imu_tracks;
+mod kitti_odometry;
+mod kitti_tracking;
 mod lost_in_woods;
 mod mrclam;
+mod starry_night;
 mod victoria_park;
 
 /// A set that is known.
@@ -34,33 +37,49 @@ pub enum Dataset {
     Dlr,
 }
 
+/// A set of a robot of space that is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dataset3 {
+    /// "Starry Night": a rig of two cameras over points of light (Barfoot, State Estimation for Robotics).
+    StarryNight,
+    /// KITTI tracking: a car among cars, with boxes of a detector (Geiger, Lenz, Urtasun, CVPR 2012).
+    KittiTracking,
+    /// The way of KITTI odometry with parked cars, boxes and odometry that are simulated: semi-synthetic.
+    KittiOdometry,
+}
+
 /// What is chosen of a set; what is not is as the set is known best.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Options {
-    /// Which robot, where there are several.
+    /// Which robot or drive, where there are several.
     pub robot: Option<u32>,
     /// How many classes the landmarks have.
     pub classes: Option<usize>,
     /// Share of wrong labels.
     pub wrong_labels: Option<f64>,
-    /// Seed of the wrong labels; 1 by default.
+    /// Seed of what is drawn, wrong labels for one; 1 by default.
     pub seed: Option<u64>,
+    /// The first and the last row that is used, where rows can be chosen; all by default.
+    pub rows: Option<(usize, usize)>,
 }
 
 /// A set as a recording, and the truth about it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Converted {
+pub struct Converted<R = Recording, P = StampedPose, const D: usize = 2> {
     /// What the robot knew.
-    pub recording: Recording,
+    pub recording: R,
     /// Which landmark each detection is.
     pub ids: Ids,
     /// Where the robot was; empty where nobody knows.
-    pub trajectory: Vec<StampedPose>,
+    pub trajectory: Vec<P>,
     /// Where the landmarks are; empty where nobody knows.
-    pub landmarks: Vec<TrueLandmark>,
+    pub landmarks: Vec<TrueLandmark<D>>,
     /// What was left out, one sentence each.
     pub notes: Vec<String>,
 }
+
+/// The same of a robot of space.
+pub type Converted3 = Converted<Recording3, StampedPose3, 3>;
 
 /// Why a set cannot be converted.
 #[derive(Debug, thiserror::Error)]
@@ -88,14 +107,60 @@ pub fn recognise(folder: &Path) -> Option<Dataset> {
     (!mrclam::robots(folder).is_empty()).then_some(Dataset::MrClam)
 }
 
+/// Which set of a robot of space is in a folder, by its files.
+pub fn recognise3(folder: &Path) -> Option<Dataset3> {
+    let has = |name: &str| folder.join(name).is_file();
+    if has("stereo.csv") && has("calibration.txt") && has("odometry.csv") {
+        return Some(Dataset3::StarryNight);
+    }
+    if has("det2d_rrc_car.csv") && has("calib.txt") {
+        return Some(Dataset3::KittiTracking);
+    }
+    (has("05.txt") && has("05_times.txt")).then_some(Dataset3::KittiOdometry)
+}
+
+impl Dataset3 {
+    /// Reads the set in a folder.
+    ///
+    /// # Errors
+    /// As for [`Dataset::read`].
+    pub fn read(self, folder: &Path, options: &Options) -> Result<Converted3, ConvertError> {
+        if let (Some(_), Self::KittiTracking | Self::KittiOdometry) = (options.rows, self) {
+            return Err(ConfigError::value("--rows", "given", "left out, as all of this set is used").into());
+        }
+        let classes = options.classes.filter(|classes| *classes != 1 && self != Self::StarryNight);
+        if let Some(classes) = classes {
+            return Err(
+                ConfigError::value("--classes", classes, "left out, as all objects of this set are cars").into()
+            );
+        }
+        if self != Self::KittiOdometry {
+            refuse_robot(options)?;
+        }
+        Ok(match self {
+            Self::StarryNight => starry_night::read(folder, &Labels::new("point", 1, options)?, options.rows)?,
+            Self::KittiTracking => kitti_tracking::read(folder)?,
+            Self::KittiOdometry => kitti_odometry::read(folder, options.robot.unwrap_or(6), options)?,
+        })
+    }
+}
+
+fn refuse_robot(options: &Options) -> Result<(), ConfigError> {
+    let expected = "left out, as this set has one robot";
+    options.robot.map_or(Ok(()), |robot| Err(ConfigError::value("--robot", robot, expected)))
+}
+
 impl Dataset {
     /// Reads the set in a folder.
     ///
     /// # Errors
     /// A file is missing or cannot be read, a line of it is wrong, or an option does not fit the set.
     pub fn read(self, folder: &Path, options: &Options) -> Result<Converted, ConvertError> {
-        if let (Some(robot), true) = (options.robot, self != Self::MrClam) {
-            return Err(ConfigError::value("--robot", robot, "left out, as this set has one robot").into());
+        if self != Self::MrClam {
+            refuse_robot(options)?;
+        }
+        if options.rows.is_some() {
+            return Err(ConfigError::value("--rows", "given", "left out, as all of this set is used").into());
         }
         let labels = self.labels(options)?;
         match self {
@@ -113,18 +178,12 @@ impl Dataset {
             Self::VictoriaPark => ("tree", 1),
             Self::Dlr => ("disc", 1),
         };
-        let classes = options.classes.unwrap_or(usual);
-        check("--classes", classes, 1.0..=MAX_CLASSES)?;
-        if self == Self::Dlr && classes > 1 {
+        let labels = Labels::new(object, usual, options)?;
+        if self == Self::Dlr && labels.classes > 1 {
             let expected = "1, as the set does not tell for every detection which disc it is";
-            return Err(ConfigError::value("--classes", classes, expected));
+            return Err(ConfigError::value("--classes", labels.classes, expected));
         }
-        let wrong = options.wrong_labels.unwrap_or(if classes > 1 { WRONG_LABELS } else { 0.0 });
-        check("--wrong-labels", wrong, 0.0..=1.0)?;
-        if wrong > 0.0 && classes == 1 {
-            return Err(ConfigError::value("--wrong-labels", wrong, "0 where there is one class (see --classes)"));
-        }
-        Ok(Labels { object, classes, wrong, seed: options.seed.unwrap_or(1) })
+        Ok(labels)
     }
 }
 
@@ -143,12 +202,30 @@ struct Labels {
 }
 
 impl Labels {
-    fn sensors(&self) -> Sensors {
+    /// The labels of objects that usually have so many classes.
+    fn new(object: &'static str, usual: usize, options: &Options) -> Result<Self, ConfigError> {
+        let classes = options.classes.unwrap_or(usual);
+        check("--classes", classes, 1.0..=MAX_CLASSES)?;
+        let wrong = options.wrong_labels.unwrap_or(if classes > 1 { WRONG_LABELS } else { 0.0 });
+        check("--wrong-labels", wrong, 0.0..=1.0)?;
+        if wrong > 0.0 && classes == 1 {
+            return Err(ConfigError::value("--wrong-labels", wrong, "0 where there is one class (see --classes)"));
+        }
+        Ok(Self { object, classes, wrong, seed: options.seed.unwrap_or(1) })
+    }
+
+    /// The names of the classes, and how often a label is right.
+    fn named(&self) -> (Vec<String>, f64) {
         let names = match self.classes {
             1 => vec![self.object.to_owned()],
             classes => (1..=classes).map(|number| format!("{}-{number}", self.object)).collect(),
         };
-        Sensors::new(names, (1.0 - self.wrong).min(MOST_ACCURATE))
+        (names, (1.0 - self.wrong).min(MOST_ACCURATE))
+    }
+
+    fn sensors(&self) -> Sensors {
+        let (names, accuracy) = self.named();
+        Sensors::new(names, accuracy)
     }
 
     /// The class of a landmark; its number counts from 0.
@@ -211,6 +288,19 @@ pub fn write(folder: &Path, converted: &Converted) -> Result<(), WriteError> {
         truth::write_landmarks(&folder.join(truth::LANDMARKS), landmarks, &recording.sensors.classes)?;
     }
     semantic::write(folder, recording)
+}
+
+/// The same of a robot of space.
+///
+/// # Errors
+/// As for [`write`].
+pub fn write3(folder: &Path, converted: &Converted3) -> Result<(), WriteError> {
+    let Converted { recording, ids, trajectory, landmarks, .. } = converted;
+    std::fs::create_dir_all(folder).map_err(|source| WriteError { path: folder.to_owned(), source })?;
+    truth::write_ids(&folder.join(truth::IDS), &recording.frames, ids)?;
+    tum::write3(&folder.join(truth::TRAJECTORY), trajectory)?;
+    truth::write_landmarks(&folder.join(truth::LANDMARKS), landmarks, &recording.sensors.classes)?;
+    semantic::write3(folder, recording)
 }
 
 /// Words that are finite numbers.

@@ -3,8 +3,8 @@
 //!
 //! Ground truth lies beside them ([`truth`]) and is never opened here.
 
-use super::{WriteError, write_whole};
-use crate::detections::Recording;
+use super::{WriteError, datasets, write_whole};
+use crate::detections::{DetectionKind, Frame, Recording, Recording3};
 use crate::log::LogError;
 use std::path::Path;
 
@@ -27,11 +27,31 @@ const MAX_GAP: f64 = 1.0;
 
 /// A recording and what is odd about it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ReadRecording {
+pub struct ReadRecording<R = Recording> {
     /// What was recorded.
-    pub recording: Recording,
+    pub recording: R,
     /// One sentence each.
     pub warnings: Vec<String>,
+}
+
+/// What the detections in the folder of a recording are: of a robot of the plane, which [`read`] reads, or of space,
+/// which [`read3`] reads.
+///
+/// # Errors
+/// As for [`read`].
+pub fn read_kind(folder: &Path) -> Result<DetectionKind, LogError> {
+    check_files(folder)?;
+    sensors::read_kind(&folder.join(SENSORS))
+}
+
+fn check_files(folder: &Path) -> Result<(), LogError> {
+    for name in [SENSORS, ODOMETRY, DETECTIONS] {
+        if !folder.join(name).is_file() {
+            let reason = if folder.is_dir() { format!("it has no {name}") } else { "this is no folder".to_owned() };
+            return Err(LogError::NotThisFormat { path: folder.to_owned(), reason, expected: EXPECTED });
+        }
+    }
+    Ok(())
 }
 
 /// Reads the folder of a recording.
@@ -39,32 +59,48 @@ pub struct ReadRecording {
 /// # Errors
 /// A file is missing or cannot be read, or a line of it is wrong; the message names file, line and remedy.
 pub fn read(folder: &Path) -> Result<ReadRecording, LogError> {
-    for name in [SENSORS, ODOMETRY, DETECTIONS] {
-        if !folder.join(name).is_file() {
-            let reason = if folder.is_dir() { format!("it has no {name}") } else { "this is no folder".to_owned() };
-            return Err(LogError::NotThisFormat { path: folder.to_owned(), reason, expected: EXPECTED });
+    check_files(folder)?;
+    let sensors = sensors::read(&folder.join(SENSORS))?;
+    let (odometry, of_odometry) = odometry::read(&folder.join(ODOMETRY))?;
+    let (frames, of_detections) = detections::read(&folder.join(DETECTIONS), &sensors.classes)?;
+    let mut warnings = unknown_columns([(ODOMETRY, of_odometry), (DETECTIONS, of_detections)]);
+    warnings.extend(frames_without_odometry(odometry.span(), &frames));
+    let recording = Recording { sensors, odometry, frames };
+    let in_view: usize = recording.frames.iter().map(|frame| frame.in_view(recording.sensors.view).count()).sum();
+    match recording.detections() - in_view {
+        0 => {}
+        count => {
+            warnings.push(format!("{count} detections are left out: they lie outside what [view] of {SENSORS} says"))
         }
     }
-    let mut warnings = Vec::new();
-    let mut take = |name: &str, unknown: Vec<String>| {
-        if !unknown.is_empty() {
-            warnings.push(format!("{name}: columns left out, of which nothing is known: {}", unknown.join(", ")));
-        }
-    };
-    let sensors = sensors::read(&folder.join(SENSORS))?;
-    let (odometry, unknown) = odometry::read(&folder.join(ODOMETRY))?;
-    take(ODOMETRY, unknown);
-    let (frames, unknown) = detections::read(&folder.join(DETECTIONS), &sensors.classes)?;
-    take(DETECTIONS, unknown);
-    let recording = Recording { sensors, odometry, frames };
-    warnings.extend(oddities(&recording));
     Ok(ReadRecording { recording, warnings })
 }
 
-fn oddities(recording: &Recording) -> Vec<String> {
-    let Recording { sensors, odometry, frames } = recording;
+/// Reads the folder of a recording of space.
+///
+/// # Errors
+/// As for [`read`].
+pub fn read3(folder: &Path) -> Result<ReadRecording<Recording3>, LogError> {
+    check_files(folder)?;
+    let sensors = sensors::read3(&folder.join(SENSORS))?;
+    let (odometry, of_odometry) = odometry::read3(&folder.join(ODOMETRY))?;
+    let (frames, of_detections) = detections::read3(&folder.join(DETECTIONS), &sensors.classes)?;
+    let mut warnings = unknown_columns([(ODOMETRY, of_odometry), (DETECTIONS, of_detections)]);
+    warnings.extend(frames_without_odometry(odometry.span(), &frames));
+    Ok(ReadRecording { recording: Recording3 { sensors, odometry, frames }, warnings })
+}
+
+fn unknown_columns(files: [(&str, Vec<String>); 2]) -> Vec<String> {
+    let is_odd = |(_, unknown): &(&str, Vec<String>)| !unknown.is_empty();
+    let tell = |(name, unknown): (&str, Vec<String>)| {
+        format!("{name}: columns left out, of which nothing is known: {}", unknown.join(", "))
+    };
+    files.into_iter().filter(is_odd).map(tell).collect()
+}
+
+fn frames_without_odometry<D>(span: Option<(f64, f64)>, frames: &[Frame<D>]) -> Vec<String> {
     let mut found = Vec::new();
-    if let Some((first, last)) = odometry.span() {
+    if let Some((first, last)) = span {
         let count_of = |is_odd: &dyn Fn(f64) -> bool| frames.iter().filter(|frame| is_odd(frame.stamp)).count();
         match count_of(&|stamp| stamp < first - MAX_GAP) {
             0 => {}
@@ -78,11 +114,6 @@ fn oddities(recording: &Recording) -> Vec<String> {
                 "{count} frames come after the end of the odometry, which is taken to go on as it ended"
             )),
         }
-    }
-    let in_view: usize = frames.iter().map(|frame| frame.in_view(sensors.view).count()).sum();
-    match recording.detections() - in_view {
-        0 => {}
-        count => found.push(format!("{count} detections are left out: they lie outside what [view] of {SENSORS} says")),
     }
     found
 }
@@ -98,6 +129,18 @@ pub fn write(folder: &Path, recording: &Recording) -> Result<(), WriteError> {
     write_whole(&folder.join(DETECTIONS), |file| detections::write(frames, &sensors.classes, file))?;
     // Last, so that what was cut short is no recording.
     write_whole(&folder.join(SENSORS), |file| sensors::write(sensors, file))
+}
+
+/// Writes the folder of a recording of space.
+///
+/// # Errors
+/// As for [`write`].
+pub fn write3(folder: &Path, recording: &Recording3) -> Result<(), WriteError> {
+    let Recording3 { sensors, odometry, frames } = recording;
+    std::fs::create_dir_all(folder).map_err(|source| WriteError { path: folder.to_owned(), source })?;
+    write_whole(&folder.join(ODOMETRY), |file| odometry::write3(odometry, file))?;
+    write_whole(&folder.join(DETECTIONS), |file| detections::write3(frames, &sensors.classes, file))?;
+    write_whole(&folder.join(SENSORS), |file| sensors::write3(sensors, file))
 }
 
 fn invalid(reason: String) -> std::io::Error {

@@ -1,11 +1,16 @@
 //! `sensors.toml`: the sensors of a recording. What it leaves out has its default; only the classes have to be named.
 
 use super::invalid;
-use crate::detections::{DetectionKind, DetectionNoise, Detector, OdometryNoise, Sensors, View};
-use crate::geometry::Pose;
+use crate::detections::{
+    DetectionKind, DetectionNoise, Detector, Detector3, OdometryNoise, OdometryNoise3, PixelNoise, Sensors, Sensors3,
+    View,
+};
+use crate::geometry::{Pinhole, Pose, Pose3};
 use crate::io::read_text;
 use crate::log::LogError;
 use crate::parameters::{ConfigError, check};
+use nalgebra::{Point3, Quaternion, Unit};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::Path;
@@ -49,9 +54,67 @@ struct Mounting {
     heading: f64,
 }
 
+/// The sensors of a robot of space.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sensors3File {
+    kind: DetectionKind,
+    #[serde(default)]
+    classes: Vec<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    label_accuracy: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    confusion: Option<Vec<Vec<f64>>>,
+    camera: CameraTable,
+    #[serde(default)]
+    noise: PixelNoise,
+    #[serde(default)]
+    detector: Detector3,
+    #[serde(default)]
+    odometry: OdometryNoise3,
+}
+
+/// The camera, and its pose in the robot's frame.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraTable {
+    focal: [f64; 2],
+    centre: [f64; 2],
+    baseline: f64,
+    #[serde(default)]
+    reach: f64,
+    #[serde(default)]
+    position: [f64; 3],
+    #[serde(default = "unturned")]
+    quaternion: [f64; 4],
+}
+
+fn unturned() -> [f64; 4] {
+    [0.0, 0.0, 0.0, 1.0]
+}
+
+/// What the detections of a recording are.
+pub(super) fn read_kind(path: &Path) -> Result<DetectionKind, LogError> {
+    #[derive(Deserialize)]
+    struct Kind {
+        #[serde(default)]
+        kind: DetectionKind,
+    }
+    read_as(path, |text| parse(text, |Kind { kind }| Ok(kind)))
+}
+
 pub(super) fn read(path: &Path) -> Result<Sensors, LogError> {
+    read_as(path, from_toml)
+}
+
+/// The same for a robot of space.
+pub(super) fn read3(path: &Path) -> Result<Sensors3, LogError> {
+    read_as(path, |text| parse(text, resolve3))
+}
+
+fn read_as<T>(path: &Path, parse: impl FnOnce(&str) -> Result<T, (u64, String)>) -> Result<T, LogError> {
     let text = read_text(path, MAX_LENGTH).map_err(|error| error.in_recording(path, EXPECTED))?;
-    from_toml(&text).map_err(|(line, reason)| LogError::Line { path: path.to_owned(), line, reason })
+    parse(&text).map_err(|(line, reason)| LogError::Line { path: path.to_owned(), line, reason })
 }
 
 /// Reads the sensors from the text of such a file.
@@ -59,8 +122,16 @@ pub(super) fn read(path: &Path) -> Result<Sensors, LogError> {
 /// # Errors
 /// The number of a line, from 1, and what is wrong with it.
 pub fn from_toml(text: &str) -> Result<Sensors, (u64, String)> {
+    parse(text, resolve)
+}
+
+/// What a text says, or the line where it goes wrong, and why.
+fn parse<F: DeserializeOwned, T>(
+    text: &str,
+    resolve: impl FnOnce(F) -> Result<T, ConfigError>,
+) -> Result<T, (u64, String)> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let file: SensorsFile = toml::from_str(text).map_err(|error| {
+    let file: F = toml::from_str(text).map_err(|error| {
         let start = error.span().map_or(0, |span| span.start);
         (line_at(text, start), error.message().to_owned())
     })?;
@@ -69,12 +140,7 @@ pub fn from_toml(text: &str) -> Result<Sensors, (u64, String)> {
 
 fn resolve(file: SensorsFile) -> Result<Sensors, ConfigError> {
     let SensorsFile { kind, classes, label_accuracy, confusion, mounting, noise, view, detector, odometry } = file;
-    if let (Some(accuracy), Some(_)) = (label_accuracy, &confusion) {
-        return Err(ConfigError::value("label_accuracy", accuracy, "left out, as there is a confusion matrix"));
-    }
-    let accuracy = label_accuracy.unwrap_or(LABEL_ACCURACY);
-    check("label_accuracy", accuracy, 0.0..=1.0)?;
-    let mut sensors = Sensors::new(classes, accuracy);
+    let mut sensors = Sensors::new(classes, accuracy(label_accuracy, confusion.as_ref())?);
     sensors.kind = kind;
     sensors.confusion = confusion.unwrap_or(sensors.confusion);
     sensors.robot_from_sensor = Pose::new(mounting.x, mounting.y, mounting.heading);
@@ -84,6 +150,33 @@ fn resolve(file: SensorsFile) -> Result<Sensors, ConfigError> {
     sensors.odometry = odometry;
     sensors.validate()?;
     Ok(sensors)
+}
+
+fn resolve3(file: Sensors3File) -> Result<Sensors3, ConfigError> {
+    let Sensors3File { kind: _, classes, label_accuracy, confusion, camera, noise, detector, odometry } = file;
+    let CameraTable { focal, centre, baseline, reach, position, quaternion: [x, y, z, w] } = camera;
+    let rotation = Quaternion::new(w, x, y, z);
+    check("camera.quaternion", rotation.norm(), 0.99..=1.01)?;
+    let accuracy = accuracy(label_accuracy, confusion.as_ref())?;
+    let mut sensors = Sensors3::new(classes, accuracy, Pinhole { focal, centre }, baseline);
+    sensors.confusion = confusion.unwrap_or(sensors.confusion);
+    sensors.reach = reach;
+    sensors.robot_from_camera = Pose3::new(Point3::from(position), Unit::new_normalize(rotation));
+    sensors.noise = noise;
+    sensors.detector = detector;
+    sensors.odometry = odometry;
+    sensors.validate()?;
+    Ok(sensors)
+}
+
+/// The probability that a label is right, where no matrix tells it.
+fn accuracy(label_accuracy: Option<f64>, confusion: Option<&Vec<Vec<f64>>>) -> Result<f64, ConfigError> {
+    if let (Some(accuracy), Some(_)) = (label_accuracy, confusion) {
+        return Err(ConfigError::value("label_accuracy", accuracy, "left out, as there is a confusion matrix"));
+    }
+    let accuracy = label_accuracy.unwrap_or(LABEL_ACCURACY);
+    check("label_accuracy", accuracy, 0.0..=1.0)?;
+    Ok(accuracy)
 }
 
 /// Number of the line, from 1, that holds a byte.
@@ -116,10 +209,7 @@ pub(super) fn write(sensors: &Sensors, mut out: impl Write) -> std::io::Result<(
 pub fn to_toml(sensors: &Sensors) -> std::io::Result<String> {
     sensors.validate().map_err(|error| invalid(error.to_string()))?;
     let Pose { x, y, heading } = sensors.robot_from_sensor;
-    // One number says the same where wrong labels are equally likely.
-    let accuracy = sensors.confusion.first().and_then(|row| row.first()).copied();
-    let is_even = |accuracy| Sensors::new(sensors.classes.clone(), accuracy).confusion == sensors.confusion;
-    let label_accuracy = accuracy.filter(|&accuracy| is_even(accuracy));
+    let label_accuracy = even_accuracy(&sensors.classes, &sensors.confusion);
     let file = SensorsFile {
         kind: sensors.kind,
         classes: sensors.classes.clone(),
@@ -131,6 +221,37 @@ pub fn to_toml(sensors: &Sensors) -> std::io::Result<String> {
         detector: sensors.detector,
         odometry: sensors.odometry,
     };
-    let text = toml::to_string(&file).map_err(|error| invalid(error.to_string()))?;
+    explained(&file)
+}
+
+/// The same for a robot of space.
+pub(super) fn write3(sensors: &Sensors3, mut out: impl Write) -> std::io::Result<()> {
+    sensors.validate().map_err(|error| invalid(error.to_string()))?;
+    let Sensors3 {
+        camera: Pinhole { focal, centre }, baseline, robot_from_camera: Pose3 { position, rotation }, ..
+    } = *sensors;
+    let label_accuracy = even_accuracy(&sensors.classes, &sensors.confusion);
+    let quaternion = rotation.coords.into();
+    let file = Sensors3File {
+        kind: DetectionKind::Stereo,
+        classes: sensors.classes.clone(),
+        label_accuracy,
+        confusion: label_accuracy.is_none().then(|| sensors.confusion.clone()),
+        camera: CameraTable { focal, centre, baseline, reach: sensors.reach, position: position.into(), quaternion },
+        noise: sensors.noise,
+        detector: sensors.detector,
+        odometry: sensors.odometry,
+    };
+    out.write_all(explained(&file)?.as_bytes())
+}
+
+fn explained(file: &impl Serialize) -> std::io::Result<String> {
+    let text = toml::to_string(file).map_err(|error| invalid(error.to_string()))?;
     Ok(format!("# Metres, radians, seconds: docs/formats.md of ipslam tells what each number is.\n{text}\n"))
+}
+
+/// One number that says the same as a matrix, where wrong labels are equally likely.
+fn even_accuracy(classes: &[String], confusion: &[Vec<f64>]) -> Option<f64> {
+    let accuracy = confusion.first().and_then(|row| row.first()).copied();
+    accuracy.filter(|&accuracy| Sensors::new(classes.to_vec(), accuracy).confusion == confusion)
 }

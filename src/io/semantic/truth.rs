@@ -2,15 +2,15 @@
 //!
 //! - `ids.csv`: `t,number,id`, which object a detection is; `number` counts the detections of a frame from 0, and
 //!   `id` is empty where nobody knows.
-//! - `truth_landmarks.csv`: `id,class,x,y`, where the objects stand.
+//! - `truth_landmarks.csv`: `id,class,x,y`, in space also `z`, where the objects stand.
 //! - `truth.tum`: where the robot was ([`tum`](crate::io::tum)), in the frame of the objects.
 
 use super::invalid;
-use crate::detections::{Frame, Recording};
+use crate::detections::Frame;
 use crate::io::table::{Layout, quoted, read_table};
 use crate::io::{WriteError, write_whole};
 use crate::log::LogError;
-use nalgebra::Point2;
+use nalgebra::Point;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -26,24 +26,24 @@ pub type Ids = Vec<Vec<Option<u64>>>;
 
 /// An object as it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrueLandmark {
+pub struct TrueLandmark<const D: usize = 2> {
     /// The name that [`Ids`] use.
     pub id: u64,
     /// Number of its class, in the list of the recording.
     pub class: usize,
     /// In the frame of the true poses \[m\].
-    pub position: Point2<f64>,
+    pub position: Point<f64, D>,
 }
 
-/// Reads which object each detection of a recording is.
+/// Reads which object each detection is.
 ///
 /// # Errors
 /// The file cannot be read, one of its lines is wrong, or it names a detection that the recording does not have.
-pub fn read_ids(path: &Path, recording: &Recording) -> Result<Ids, LogError> {
+pub fn read_ids<D>(path: &Path, frames: &[Frame<D>]) -> Result<Ids, LogError> {
     const LAYOUT: Layout = Layout { required: &["t", "number", "id"], optional: &[] };
-    let mut ids: Ids = recording.frames.iter().map(|frame| vec![None; frame.detections.len()]).collect();
+    let mut ids: Ids = frames.iter().map(|frame| vec![None; frame.detections.len()]).collect();
     let frames: HashMap<u64, usize> =
-        recording.frames.iter().enumerate().map(|(number, frame)| (frame.stamp.to_bits(), number)).collect();
+        frames.iter().enumerate().map(|(number, frame)| (frame.stamp.to_bits(), number)).collect();
     read_table(path, &[LAYOUT], "true ids have the columns t,number,id", |_, row| {
         let (stamp, number) = (row.number(0)?, row.count::<usize>(1)?);
         let id = if row.text(2).is_empty() { None } else { Some(row.count(2)?) };
@@ -61,7 +61,7 @@ pub fn read_ids(path: &Path, recording: &Recording) -> Result<Ids, LogError> {
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write_ids(path: &Path, frames: &[Frame], ids: &Ids) -> Result<(), WriteError> {
+pub fn write_ids<D>(path: &Path, frames: &[Frame<D>], ids: &Ids) -> Result<(), WriteError> {
     write_whole(path, |file| {
         writeln!(file, "t,number,id")?;
         for (Frame { stamp, .. }, ids) in frames.iter().zip(ids) {
@@ -84,7 +84,7 @@ pub fn read_landmarks(path: &Path, classes: &[String]) -> Result<Vec<TrueLandmar
         let label = row.text(1);
         let class = classes.iter().position(|name| name == label);
         let class = class.ok_or_else(|| format!("class is `{label:.60}`, which sensors.toml does not name"))?;
-        let position = Point2::new(row.number(2)?, row.number(3)?);
+        let position = Point::<f64, 2>::new(row.number(2)?, row.number(3)?);
         landmarks.push(TrueLandmark { id: row.count(0)?, class, position });
         Ok(())
     })?;
@@ -95,12 +95,17 @@ pub fn read_landmarks(path: &Path, classes: &[String]) -> Result<Vec<TrueLandmar
 ///
 /// # Errors
 /// The file cannot be written, or an object is of no class.
-pub fn write_landmarks(path: &Path, landmarks: &[TrueLandmark], classes: &[String]) -> Result<(), WriteError> {
+pub fn write_landmarks<const D: usize>(
+    path: &Path,
+    landmarks: &[TrueLandmark<D>],
+    classes: &[String],
+) -> Result<(), WriteError> {
     write_whole(path, |file| {
-        writeln!(file, "id,class,x,y")?;
+        writeln!(file, "id,class,{}", ["x", "y", "z"][..D].join(","))?;
         for TrueLandmark { id, class, position } in landmarks {
             let name = classes.get(*class).ok_or_else(|| invalid(format!("there is no class number {class}")))?;
-            writeln!(file, "{id},{},{},{}", quoted(name), position.x, position.y)?;
+            let position: Vec<String> = position.iter().map(f64::to_string).collect();
+            writeln!(file, "{id},{},{}", quoted(name), position.join(","))?;
         }
         Ok(())
     })
