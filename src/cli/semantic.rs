@@ -114,7 +114,7 @@ fn map_and_write<W: Output>(
     ReadRecording { recording, warnings }: &ReadRecording<W::Recording>,
 ) -> anyhow::Result<Vec<anyhow::Error>> {
     warnings.iter().for_each(|warning| say!("{warning}"));
-    let mut outputs = Outputs::for_log(args.out.as_deref(), name)?;
+    let mut outputs = args.out.open(name)?;
     let ids = args.known_ids.as_deref().map(|path| W::read_ids(path, recording)).transpose()?;
     let task = Task::<W> { name, recording, objects: ids.as_deref(), config };
     let (found, seconds) = task.map().with_context(|| args.recording.display().to_string())?;

@@ -227,8 +227,8 @@ impl<W: World> Mapping<'_, W> {
         Ok(Run { estimate, objective, history: History { candidates: beam.candidates, sweeps }, covariances })
     }
 
-    /// E and M steps from what a forward pass leads to; each sweep is told.
-    fn sweeps(&self, pass: Pass<W>, mut tell: impl FnMut(&Estimate<W>)) -> Result<Estimate<W>, SemanticError> {
+    /// E and M steps from what a forward pass leads to; each sweep is reported.
+    fn sweeps(&self, pass: Pass<W>, mut report: impl FnMut(&Estimate<W>)) -> Result<Estimate<W>, SemanticError> {
         let mut estimate = self.start(pass);
         self.maximise(&mut estimate, FIRST_TEMPERING)?;
         for tempering in self.temperings() {

@@ -3,7 +3,7 @@
 //!
 //! Ground truth lies beside them ([`truth`]) and is never opened here.
 
-use super::{WriteError, datasets, write_whole};
+use super::{WriteError, write_whole};
 use crate::detections::{DetectionKind, Frame, Recording, Recording3};
 use crate::log::LogError;
 use std::path::Path;
