@@ -293,7 +293,7 @@ pub fn write(folder: &Path, converted: &Converted) -> Result<(), WriteError> {
 /// The same of a robot of space.
 ///
 /// # Errors
-/// As for [`write`].
+/// As for [`write()`].
 pub fn write3(folder: &Path, converted: &Converted3) -> Result<(), WriteError> {
     let Converted { recording, ids, trajectory, landmarks, .. } = converted;
     std::fs::create_dir_all(folder).map_err(|source| WriteError { path: folder.to_owned(), source })?;

@@ -134,7 +134,7 @@ pub fn write(folder: &Path, recording: &Recording) -> Result<(), WriteError> {
 /// Writes the folder of a recording of space.
 ///
 /// # Errors
-/// As for [`write`].
+/// As for [`write()`].
 pub fn write3(folder: &Path, recording: &Recording3) -> Result<(), WriteError> {
     let Recording3 { sensors, odometry, frames } = recording;
     std::fs::create_dir_all(folder).map_err(|source| WriteError { path: folder.to_owned(), source })?;
