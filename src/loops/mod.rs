@@ -3,7 +3,7 @@
 //! Drift beyond the spread of the particles cannot be mended by particles. So while the robot drives, the walls of its last
 //! metres are laid over the older part of the map, wherever on it the robot may be (`search`). Where they fit, a pose graph
 //! bends the path (`bend`): it holds the motions from step to step, and the scans of all visits to a place against each other
-//! (`revisits`), so that what is known well stays as it is. Then the map is made anew from the scans of all steps (`remake`).
+//! (`revisits`), so that what is known well stays as it is. Then the map is rebuilt from the scans of all steps (`rebuild`).
 //!
 //! What was found is a hypothesis and no fact: rooms look alike. So it has to be the only place of its kind. And it has to be close
 //! enough for the drift of this drive, or the visits to all places have to agree better than before, or the next metres have to
@@ -24,13 +24,13 @@ use crate::report::Loop;
 use bend::{Bent, Chain, Doubt, Tie};
 use nalgebra::Point2;
 use one_map::OneMap;
-use remake::remade;
+use rebuild::rebuild;
 use revisits::revisits;
-use search::{Found, Older, Query};
+use search::{Found, OlderMap, Query};
 
 mod bend;
 mod one_map;
-mod remake;
+mod rebuild;
 mod revisits;
 mod search;
 
@@ -117,7 +117,7 @@ pub struct Loops {
     drive: Drive,
     /// The way at the last search \[m\].
     searched: f64,
-    older: Older,
+    older: OlderMap,
     /// A loop that one window alone spoke for.
     pending: Option<Tie>,
     /// Between different visits to one place, of the steps before `tied`.
@@ -160,7 +160,7 @@ impl Loops {
     /// Nothing has been seen.
     pub fn new(config: Closer) -> Self {
         Self {
-            older: Older::new(&config),
+            older: OlderMap::new(&config),
             config,
             drive: Drive::default(),
             searched: 0.0,
@@ -218,7 +218,7 @@ impl Loops {
             is_closed,
         });
         let bent = hypothesis.filter(|_| is_closed)?;
-        let closed = remade(&self.drive.keyframes, &bent.path, &self.config);
+        let closed = rebuild(&self.drive.keyframes, &bent.path, &self.config);
         self.ties = bent.ties;
         Some(closed)
     }

@@ -37,7 +37,7 @@ pub(super) struct Found {
 
 /// The older part of the map.
 #[derive(Debug)]
-pub(super) struct Older {
+pub(super) struct OlderMap {
     map: OneMap,
     /// The poses that it was made from.
     path: Vec<Pose>,
@@ -45,9 +45,9 @@ pub(super) struct Older {
 
 /// Points along walls lie this far apart \[m\].
 const SPACING: f64 = 0.25;
-/// At most so many of them count.
+/// Maximum number of points.
 const MOST_POINTS: usize = 96;
-/// At most so many rays of the scans are asked whether they go through walls.
+/// Maximum number of rays that are tested against walls.
 const MOST_RAYS: usize = 256;
 /// A wall that fewer steps saw may be somebody who walks by.
 const LEAST_SIGHTINGS: u32 = 2;
@@ -58,7 +58,7 @@ const HEADINGS: u32 = 24;
 const BACK: f64 = 2.0;
 /// Standard deviation of a wall to find it from the next start \[m\]: half of what a start is off at most, for a wall 5 m away.
 const CAPTURE_SIGMA: f64 = 0.5;
-/// So many of the best places are looked at closely.
+/// Number of the best places that are evaluated from the mode near them.
 const CLOSELY: usize = 12;
 /// Places this close together are one \[m, rad\].
 const APART: [f64; 2] = [1.0, 0.4];
@@ -103,12 +103,12 @@ impl Found {
     }
 }
 
-impl Older {
+impl OlderMap {
     pub fn new(config: &Closer) -> Self {
         Self { map: OneMap::new(config, CAPTURE_SIGMA), path: Vec::new() }
     }
 
-    /// Takes in the steps that have become old; all of them anew where the path has moved.
+    /// Takes in the steps that have become old; all of them again where the path has moved.
     pub fn follow(&mut self, keyframes: &[Keyframe], path: &[Pose], config: &Closer) {
         if self.path.iter().zip(path).any(|(was, is)| !is_near(*was, *is, MOVED)) {
             *self = Self::new(config);
@@ -136,7 +136,7 @@ impl Older {
         self.best_of(&starts, 2, query, evaluator).first().copied()
     }
 
-    /// Weighs all starts among thick walls, and looks closely at the best of them.
+    /// Weighs all starts among thick walls, climbs from the best of them and evaluates what it finds.
     fn best_of(&self, starts: &[Pose], closely: usize, query: &Query, evaluator: &mut Failover) -> Vec<Found> {
         let anchor = self.map.table.anchor();
         let starts: Vec<LocalPose> = starts.iter().map(|&pose| LocalPose::new(pose, anchor)).collect();
@@ -164,11 +164,11 @@ impl Older {
                 best.push(pose);
             }
         }
-        let mut looked: Vec<Found> =
-            self.climb(&best, query, evaluator).into_iter().map(|pose| self.look(pose, query)).collect();
-        looked.sort_by(|a, b| b.explained.total_cmp(&a.explained));
+        let mut evaluated: Vec<Found> =
+            self.climb(&best, query, evaluator).into_iter().map(|pose| self.evaluate(pose, query)).collect();
+        evaluated.sort_by(|a, b| b.explained.total_cmp(&a.explained));
         let mut found: Vec<Found> = Vec::new();
-        for place in looked {
+        for place in evaluated {
             if !found.iter().any(|other| is_near(other.world_from_robot, place.world_from_robot, APART)) {
                 found.push(place);
             }
@@ -229,7 +229,7 @@ impl Older {
     }
 
     /// How well the query fits at a place.
-    fn look(&self, world_from_robot: Pose, query: &Query) -> Found {
+    fn evaluate(&self, world_from_robot: Pose, query: &Query) -> Found {
         let OneMap { pool, table, .. } = &self.map;
         let near = self.map.near(world_from_robot, reach(&query.tiles));
         let rows: Vec<ClusterParams> = near.iter().map(|&slot| table.rows()[slot as usize]).collect();

@@ -43,7 +43,7 @@ const MAX_GUESS: f64 = 1.0;
 const LATE: f64 = 0.9;
 /// Weight of a new interval in the running average of the period, which so covers about ten of them.
 const PERIOD_SHARE: f64 = 0.1;
-/// A scan tells the error of a motion where it knows the motion to this share of the error that odometry is by now expected to have.
+/// A scan tells the error of a motion where it knows the motion to this share of the error that odometry is expected to have.
 const SURE: f64 = 0.5;
 
 impl TrackingConfig {
@@ -234,16 +234,14 @@ impl Tracker {
         if !self.is_corrected || !self.since_step.is_measured() {
             return;
         }
-        let configured = self.since_step.motion(&self.motion, self.velocity);
-        let expected = self.by_odometry();
-        let Pose { x, y, heading } = self.tracked().mean.seen_from(configured.mean);
+        let odometry = self.since_step.motion(&self.motion, self.velocity);
+        let Pose { x, y, heading } = self.tracked().mean.seen_from(odometry.mean);
         for (axis, off) in [x, y, heading].into_iter().enumerate() {
-            let variance = |motion: &Motion| motion.covariance[(axis, axis)];
-            // Where the scan knows no better than odometry, the two agree, right or wrong: what is known is then the prior, which
-            // has the noise that was learnt.
-            if variance(&self.corrected) < SURE * SURE * variance(&expected) {
+            let (known, expected) = (self.corrected.covariance[(axis, axis)], odometry.covariance[(axis, axis)]);
+            // Where the scan knows no better than odometry, the two agree, right or wrong.
+            if known < SURE * SURE * expected {
                 let errors = if axis == 2 { &mut self.heading_errors } else { &mut self.position_errors };
-                errors.add(off / variance(&configured).sqrt());
+                errors.add(off / expected.sqrt());
             }
         }
     }

@@ -78,6 +78,24 @@ fn a_torn_path_is_bent_where_the_robot_comes_back() {
     let (path, found) = follow(&steps, 0.3, &config);
     println!("seed {SEED}: {} steps, {} m off, then {} m", steps.len(), off(&torn, &steps), off(&path, &steps));
     assert!(off(&path, &steps) < 0.5, "seed {SEED}: {} m off; {found:?}", off(&path, &steps));
+    // Where it was torn it is whole again, and visits to one place are as far apart as they were.
+    let step = steps.len() / 4;
+    let turn = |path: &[Pose]| path[step].seen_from(path[step - 1]).heading;
+    let truth: Vec<Pose> = steps.iter().map(|(truth, _)| *truth).collect();
+    let turned = [&torn, &path].map(|path| (turn(path) - turn(&truth)).abs());
+    let mut apart: Vec<f64> = (0..truth.len())
+        .flat_map(|newer| (0..newer.saturating_sub(100)).map(move |older| (older, newer)))
+        .filter(|&(older, newer)| truth[newer].seen_from(truth[older]).position().coords.norm() < 1.0)
+        .map(|(older, newer)| {
+            let off = path[newer].seen_from(path[older]).seen_from(truth[newer].seen_from(truth[older]));
+            off.x.hypot(off.y)
+        })
+        .collect();
+    apart.sort_by(f64::total_cmp);
+    let [half, most] = [apart.len() / 2, apart.len() * 9 / 10].map(|rank| apart[rank]);
+    println!("the step is turned by {turned:?} rad; {} visits, {half} m off in the median, 90 % {most} m", apart.len());
+    assert!(turned[0] > 0.29 && turned[1] < 0.03, "seed {SEED}: {turned:?}");
+    assert!(apart.len() > 100 && half < 0.05 && most < 0.15, "seed {SEED}: {half} m in the median, 90 % {most} m");
     let closed: Vec<&Loop> = found.iter().filter(|found| found.is_closed).collect();
     assert!(!closed.is_empty(), "{found:?}");
     for Loop { step, older, older_from_robot, .. } in closed {

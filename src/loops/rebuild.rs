@@ -1,4 +1,4 @@
-//! A path is followed again, scan by scan, and its map made anew.
+//! A path is followed again, scan by scan, and its map rebuilt.
 
 use super::{Closed, Closer, Keyframe, OneMap, SAME, is_near};
 use crate::evaluator::PosePrior;
@@ -19,18 +19,18 @@ const ITERATIONS: u32 = 5;
 const MARGIN: f32 = 1.0;
 
 /// Matches every scan to the map of those before it, from where the path has it, and merges it.
-pub(super) fn remade(keyframes: &[Keyframe], path: &[Pose], config: &Closer) -> Closed {
+pub(super) fn rebuild(keyframes: &[Keyframe], path: &[Pose], config: &Closer) -> Closed {
     let mut map = OneMap::new(config, CAPTURE_SIGMA);
-    let mut remade: Vec<Pose> = Vec::with_capacity(path.len());
+    let mut rebuilt: Vec<Pose> = Vec::with_capacity(path.len());
     for (step, (keyframe, &pose)) in keyframes.iter().zip(path).enumerate() {
         // There is no map to match the first scan to.
         let matched = if step == 0 { pose } else { matched(&map, keyframe, pose) };
         // A scan that shows little may be matched to something else: the path knows better.
         let pose = if is_near(matched, pose, SAME) { matched } else { pose };
         map.merge(step as u32, pose, &keyframe.clusters, config);
-        remade.push(pose);
+        rebuilt.push(pose);
     }
-    Closed { path: remade, map: map.clusters() }
+    Closed { path: rebuilt, map: map.clusters() }
 }
 
 fn matched(map: &OneMap, keyframe: &Keyframe, pose: Pose) -> Pose {
