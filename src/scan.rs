@@ -34,8 +34,6 @@ pub struct Scan {
     pub stamp: f64,
     /// End points of the beams that hit something, in the robot's frame \[m\], in the order of the beams.
     pub points: Vec<Point2<f64>>,
-    /// Number in the sweep of each point's beam.
-    pub beams: Vec<u32>,
     /// Beams without return: at or above the maximum range, or +∞ (REP 117).
     pub no_return: usize,
     /// Beams whose range is no measurement: NaN, negative, or below the minimum range.
@@ -61,7 +59,6 @@ impl Scan {
                 let (sin, cos) = (reading.first_angle + beam as f64 * reading.angle_step).sin_cos();
                 let point = reading.robot_from_laser * Point2::new(range * cos, range * sin);
                 scan.points.push(if moves { sweep.at(beam) * point } else { point });
-                scan.beams.push(beam as u32);
             }
         }
         scan

@@ -50,13 +50,13 @@ pub struct Clustering {
     pub assignment: Vec<Option<usize>>,
 }
 
-/// Points whose beams are this far apart are neighbours: the laser has not looked between them, but for one beam that may have
-/// missed the wall.
-const NEIGHBOURS: u32 = 2;
+/// Points this far apart in the order of the beams are neighbours: the laser has seen nothing else between them, but for one point
+/// that may be in front of the wall. Beams without return do not count: along a wall they often find none.
+const NEIGHBOURS: usize = 2;
 
 /// Clusters the points of a scan (III-B).
 pub fn cluster_scan(scan: &Scan, config: &ClusteringConfig) -> Clustering {
-    clustered(&scan.points, &|a, b| scan.beams[a].abs_diff(scan.beams[b]) <= NEIGHBOURS, config)
+    clustered(&scan.points, &|a, b| usize::abs_diff(a, b) <= NEIGHBOURS, config)
 }
 
 /// Clusters points in any order (III-B). Points that are not finite are left out as outliers.

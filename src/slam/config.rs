@@ -64,8 +64,8 @@ impl Default for SlamConfig {
     fn default() -> Self {
         Self {
             seed: 1,
-            particles: 256,
-            maps: 256,
+            particles: 32,
+            maps: 32,
             scan: ScanConfig::default(),
             clustering: ClusteringConfig::default(),
             motion: MotionConfig::default(),
@@ -289,7 +289,7 @@ mod tests {
         for (text, expected) in [
             ("particles = 0", "particles (option --particles) is 0, but has to be 1 to 10000000"),
             ("particles = 20000000\nmaps = 1", "is 20000000, but has to be 1 to"),
-            ("maps = 0", "maps (option --maps) is 0, but has to be 1 to the number of particles, which is 256"),
+            ("maps = 0", "maps (option --maps) is 0, but has to be 1 to the number of particles, which is 32"),
             ("maps = 257", "maps (option --maps) is 257"),
             ("particles = 10000000\nmaps = 10000000", "maps (option --maps) is 10000000, but has to be 1 to 100000"),
             ("particles = 10\nmaps = 4", "multiple of the number of maps, which is 4: 8 or 12"),

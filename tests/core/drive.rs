@@ -239,13 +239,34 @@ fn odometry_that_cannot_be_true_is_bridged() {
         ("1e200", &|number, pose| if number == half { Pose { x: 1e200, ..pose } } else { pose }, 2),
         ("no number", &|number, pose| if number == half { Pose { y: f64::NAN, ..pose } } else { pose }, 1),
         ("restart", &|number, pose| if number < half { far * pose } else { pose }, 1),
-        ("none", &|_, _| Pose::IDENTITY, 0),
     ] {
         let (error, refused) = spoilt(spoil);
         println!("seed {SEED}, {name}: {error:.4} m, as driven {as_driven:.4} m; {refused} refused");
         assert!(error < as_driven + 0.03, "seed {SEED}, {name}: {error} m, as driven {as_driven} m");
         assert!((least..least + 2).contains(&refused), "seed {SEED}, {name}: {refused} refused");
     }
+}
+
+/// In the room where the drive begins; in the corridor behind it nothing tells how far the robot went.
+#[test]
+fn without_odometry_scans_alone_tell_the_way_through_a_room() {
+    let simulation = simulation(8.0);
+    let truth = truth(&simulation);
+    let mut slam = Slam::new(few_maps());
+    for entry in simulation.open().unwrap() {
+        let mut entry = entry.unwrap();
+        if let LogEntry::Laser(reading) = &mut entry {
+            reading.odom_from_robot = Pose::IDENTITY;
+        }
+        if !matches!(entry, LogEntry::Odometry { .. }) {
+            slam.add(&entry, &mut |_| {});
+        }
+    }
+    let trajectory = slam.result().trajectory();
+    let error = absolute_error(&trajectory, &truth);
+    let way = (trajectory[trajectory.len() - 1].pose.position() - trajectory[0].pose.position()).norm();
+    println!("seed {SEED}: {error:.4} m, {way:.1} m from the start");
+    assert!(error < 0.05 && way > 1.0, "seed {SEED}: {error} m, {way} m from the start");
 }
 
 /// A log in memory.
