@@ -218,7 +218,7 @@ pub fn write(path: &Path, grid: &OccupancyGrid) -> Result<(), WriteError> {
 /// Writes a grid: the picture `path` as PNG, and beside it the YAML file of the same name.
 ///
 /// # Errors
-/// As for [`write`].
+/// As for [`write()`].
 pub fn write_png(path: &Path, grid: &OccupancyGrid) -> Result<(), WriteError> {
     write_whole(path, |file| {
         let encoder = PngEncoder::new(file);

@@ -446,7 +446,7 @@ fn options_that_cannot_be_are_told() {
             "--wrong-labels is 0.1, but has to be 0 where there is one class",
         ),
         (&["park", "out", "--wrong-labels", "1.1", "--classes", "2"], 2, "--wrong-labels is 1.1, but has to be 0 to 1"),
-        (&["park/victoria_park.txt", "out.clf", "--seed", "2"], 1, "options are for sets only"),
+        (&["park/victoria_park.txt", "out.clf", "--seed", "2"], 2, "options are for sets only"),
         (&["park", "park"], 1, "a recording needs a new folder"),
     ] {
         let (found, error) = ipslam(words);

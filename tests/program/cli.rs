@@ -902,9 +902,12 @@ fn every_parameter_is_explained() {
     let range = "# Shorter ranges are no measurement [m].\n# Range: 0 to 1000000.\nmin_range = 0.1\n";
     assert!(printed.contains(range), "{printed}");
     place.write("drive.log", drive(1.0).1);
+    let maps = ipslam::config::SlamConfig::default().maps;
     place.write(
         "all.toml",
-        printed.replace("\nmaps = 256\n", "\nmaps = 2\n").replace("\nparticles = 256\n", "\nparticles = 2\n"),
+        printed
+            .replace(&format!("\nmaps = {maps}\n"), "\nmaps = 2\n")
+            .replace(&format!("\nparticles = {maps}\n"), "\nparticles = 2\n"),
     );
     place.ipslam(&["run", "drive.log", "--config", "all.toml", "--out", "out"]).ended(0);
     assert_eq!(place.summary("out")["configuration"]["maps"], 2);
