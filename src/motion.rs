@@ -26,24 +26,6 @@ parameters! {
         /// Error of the stamps of odometry and scans \[s\]: times the speed it is an error of the position, times the turn rate
         /// one of the heading. Stamps are often those of receipt, and messages wait for each other.
         stamp_error: f64 = 0.05, in 0.0..=1e3;
-        /// What is configured counts as much as so many motions of the drive itself, whose errors the scans show; infinite, and
-        /// nothing is learnt, in the paper.
-        prior_motions: f64 = 20.0, in 0.0..=f64::INFINITY;
-    }
-}
-
-impl MotionConfig {
-    /// The same with all errors of positions and of headings, but for that of stamps, multiplied by these.
-    pub fn scaled(&self, position: f64, heading: f64) -> Self {
-        Self {
-            position_per_distance: self.position_per_distance * position,
-            position_per_turn: self.position_per_turn * position,
-            heading_per_distance: self.heading_per_distance * heading,
-            heading_per_turn: self.heading_per_turn * heading,
-            position_floor: self.position_floor * position,
-            heading_floor: self.heading_floor * heading,
-            ..*self
-        }
     }
 }
 
@@ -169,7 +151,6 @@ mod tests {
         position_floor: 0.001,
         heading_floor: 0.002,
         stamp_error: 0.0,
-        prior_motions: 20.0,
     };
 
     #[test]

@@ -398,7 +398,6 @@ mod tests {
             position_floor,
             heading_floor,
             stamp_error: 0.0,
-            prior_motions: f64::INFINITY,
         };
         let mut tracker = Tracker::new(motion, TrackingConfig::default());
         tracker.add(0.0, Pose::IDENTITY);

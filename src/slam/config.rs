@@ -100,7 +100,6 @@ impl SlamConfig {
                 max_gap: f64::INFINITY,
                 ..ClusteringConfig::default()
             },
-            motion: MotionConfig { prior_motions: f64::INFINITY, ..MotionConfig::default() },
             tracking: TrackingConfig { step_distance: 0.0, step_turn: 0.0, starts: 0, ..TrackingConfig::default() },
             proposal: ProposalConfig { iterations: 0, capture_sigma: 0.05, spread: 1.0 },
             likelihood: LikelihoodConfig {

@@ -11,10 +11,10 @@
 use crate::geometry::Pose;
 use crate::motion::{Motion, MotionConfig, Travel};
 use crate::parameters::parameters;
-use learnt::Errors;
+use errors::Errors;
 
-mod learnt;
-pub use learnt::OdometryErrors;
+mod errors;
+pub use errors::OdometryErrors;
 
 parameters! {
     /// How the robot is tracked between steps, and when a step is taken.
@@ -200,7 +200,7 @@ impl Tracker {
 
     /// The motion since the last step by odometry alone (eq. 17).
     pub fn by_odometry(&self) -> Motion {
-        self.since_step.motion(&self.noise(), self.velocity)
+        self.since_step.motion(&self.motion, self.velocity)
     }
 
     /// The motion since the last step, as corrected by scans. The floors of the odometry's noise are always added, as the
@@ -208,7 +208,7 @@ impl Tracker {
     pub fn tracked(&self) -> Motion {
         let has_moved = self.since_correction != Travel::default();
         let velocity = if has_moved { self.velocity } else { Pose::IDENTITY };
-        self.corrected.then(&self.since_correction.motion(&self.noise(), velocity))
+        self.corrected.then(&self.since_correction.motion(&self.motion, velocity))
     }
 
     /// Sets the motion since the last step to what a scan match found.
@@ -220,17 +220,11 @@ impl Tracker {
 
     /// What the odometry of this drive is worth.
     pub fn odometry_errors(&self) -> OdometryErrors {
-        let factor = |errors: &Errors| errors.factor(self.motion.prior_motions);
-        OdometryErrors { position: factor(&self.position_errors), heading: factor(&self.heading_errors) }
-    }
-
-    fn noise(&self) -> MotionConfig {
-        let OdometryErrors { position, heading } = self.odometry_errors();
-        self.motion.scaled(position, heading)
+        OdometryErrors { position: self.position_errors.factor(), heading: self.heading_errors.factor() }
     }
 
     /// Compares what odometry has measured since the last step with what the scans make of it.
-    fn learn(&mut self) {
+    fn compare(&mut self) {
         if !self.is_corrected || !self.since_step.is_measured() {
             return;
         }
@@ -248,7 +242,7 @@ impl Tracker {
 
     /// Starts a new step at the current pose.
     pub fn begin_step(&mut self) {
-        self.learn();
+        self.compare();
         let now = self.tracked().mean;
         self.stall = self.stall.map(|stall| {
             let stalled = stall.tracked.seen_from(now);
@@ -277,7 +271,6 @@ mod tests {
         position_floor: 0.01,
         heading_floor: 0.01,
         stamp_error: 0.0,
-        prior_motions: f64::INFINITY,
     };
 
     /// Half a metre a second, a reading each tenth of one; `spoil` changes odometry.
