@@ -139,7 +139,7 @@ pub struct Proposal {
 
 /// Log-likelihoods are multiplied by this where modes of one pose are compared: of the points of a scan, those of one wall err
 /// together, and what a map has wrong they have wrong together: as the weights of the filter are tempered.
-const MODE_TEMPER: f64 = 0.025;
+pub(crate) const MODE_TEMPER: f64 = 0.025;
 
 /// The mode of the highest posterior that particles climbed to, with tempered log-likelihoods: taken at their word, two points
 /// that a wrong place explains would outweigh any odometry. `None` without particles.

@@ -10,10 +10,12 @@
 //! find the same loop.
 
 use crate::ablation::AblationConfig;
+use crate::evaluator::PosePrior;
+use crate::evaluator::cpu::{Matched, match_scan};
 use crate::evaluator::failover::Failover;
 use crate::evaluator::tiles::Tile;
 use crate::geometry::Pose;
-use crate::likelihood::LikelihoodConfig;
+use crate::likelihood::{ClusterParams, LikelihoodConfig};
 use crate::map::MapCluster;
 use crate::map::matching::MatchingConfig;
 use crate::map::merging::MergingConfig;
@@ -302,6 +304,21 @@ fn share_behind<'a>(rays: &[[Point2<f64>; 2]], walls: impl Iterator<Item = &'a C
     let is_behind =
         |&&[robot, point]: &&[Point2<f64>; 2]| walls.clone().any(|wall| wall.separates(robot, point, HIDING_SIGMA));
     rays.iter().filter(is_behind).count() as f64 / rays.len().max(1) as f64
+}
+
+/// Matches a scan to walls that are first taken to be thick, so that one some way off is found, and then as they are.
+fn match_closely(
+    walls: &[ClusterParams],
+    log_outlier: f32,
+    prior: PosePrior,
+    tiles: &[Tile],
+    capture_sigma: f64,
+    iterations: u32,
+) -> Matched {
+    let thick = walls.iter().map(|wall| wall.thickened(capture_sigma as f32));
+    let captured = match_scan(thick, log_outlier, &prior, tiles, iterations);
+    let prior = PosePrior { pose: captured.mode.pose, ..prior };
+    match_scan(walls.iter().copied(), log_outlier, &prior, tiles, iterations)
 }
 
 /// Whether two poses are this close together \[m, rad\].

@@ -1,11 +1,11 @@
 //! A path is followed again, scan by scan, and its map rebuilt.
 
-use super::{Closed, Closer, Keyframe, OneMap, SAME, is_near};
+use super::{Closed, Closer, Keyframe, OneMap, SAME, is_near, match_closely};
 use crate::evaluator::PosePrior;
-use crate::evaluator::cpu::match_scan;
 use crate::evaluator::pose::LocalPose;
 use crate::evaluator::tiles::reach;
 use crate::geometry::Pose;
+use crate::likelihood::ClusterParams;
 
 /// How far off a path is that was bent \[m\]: what a pose graph spreads over a loop.
 const POSITION_SIGMA: f64 = 0.1;
@@ -38,10 +38,7 @@ fn matched(map: &OneMap, keyframe: &Keyframe, pose: Pose) -> Pose {
     let information = [position, 0.0, 0.0, position, 0.0, heading];
     let (anchor, log_outlier) = (map.table.anchor(), map.table.log_outlier());
     let near = map.near(pose, reach(&keyframe.tiles) + MARGIN);
-    let rows = || near.iter().map(|&slot| map.table.rows()[slot as usize]);
-    let thick = rows().map(|row| row.thickened(CAPTURE_SIGMA as f32));
+    let rows: Vec<ClusterParams> = near.iter().map(|&slot| map.table.rows()[slot as usize]).collect();
     let prior = PosePrior { pose: LocalPose::new(pose, anchor), information };
-    let captured = match_scan(thick, log_outlier, &prior, &keyframe.tiles, ITERATIONS);
-    let prior = PosePrior { pose: captured.mode.pose, ..prior };
-    match_scan(rows(), log_outlier, &prior, &keyframe.tiles, ITERATIONS).mode.pose.in_world(anchor)
+    match_closely(&rows, log_outlier, prior, &keyframe.tiles, CAPTURE_SIGMA, ITERATIONS).mode.pose.in_world(anchor)
 }

@@ -1,12 +1,12 @@
 //! Ties between the visits to a place: the scan of a step, matched to the walls that an earlier visit saw there.
 
 use super::bend::{MOTION, Tie};
-use super::{Closer, Drive, Keyframe, share_behind};
-use crate::evaluator::PosePrior;
+use super::{Closer, Drive, Keyframe, match_closely, share_behind};
 use crate::evaluator::cholesky::{packed, unpacked};
-use crate::evaluator::cpu::{Matched, match_scan};
+use crate::evaluator::cpu::Matched;
 use crate::evaluator::pose::LocalPose;
 use crate::evaluator::tiles::{Tile, reach};
+use crate::evaluator::{MODE_TEMPER, PosePrior};
 use crate::geometry::Pose;
 use crate::likelihood::ClusterParams;
 use crate::ppca::Cluster;
@@ -29,8 +29,6 @@ const CAPTURE_SIGMA: f64 = 0.3;
 const ITERATIONS: u32 = 6;
 /// Share of the points that the walls have to explain, less the share that lies behind them.
 const LEAST_EXPLAINED: f64 = 0.5;
-/// Log-likelihoods are worth this, as in the filter: points do not err independently.
-const TEMPER: f64 = 0.025;
 /// Motions from step to step by which the walls of a visit may err: as many as `AROUND` has, about.
 const MOTIONS: f64 = 10.0;
 
@@ -71,13 +69,12 @@ fn tie(drive: &Drive, path: &[Pose], older: usize, newer: usize, config: &Closer
     let walls = walls_around(drive, path, older, expected, f64::from(reach(tiles)) + OFF[0], config);
 
     let (origin, log_outlier) = (Point2::origin(), config.likelihood.log_outlier());
-    let rows = || walls.iter().map(|wall| ClusterParams::new(wall, origin, &config.likelihood, config.ablation.latent));
+    let row = |wall| ClusterParams::new(wall, origin, &config.likelihood, config.ablation.latent);
+    let rows: Vec<ClusterParams> = walls.iter().map(row).collect();
     let [position, heading] = OFF.map(|sigma| sigma.powi(-2));
     let prior = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
-    let from = |pose: LocalPose| PosePrior { pose, information: packed(&prior) };
-    let thick = rows().map(|row| row.thickened(CAPTURE_SIGMA as f32));
-    let captured = match_scan(thick, log_outlier, &from(LocalPose::new(expected, origin)), tiles, ITERATIONS);
-    let Matched { mode, likeliest } = match_scan(rows(), log_outlier, &from(captured.mode.pose), tiles, ITERATIONS);
+    let expected = PosePrior { pose: LocalPose::new(expected, origin), information: packed(&prior) };
+    let Matched { mode, likeliest } = match_closely(&rows, log_outlier, expected, tiles, CAPTURE_SIGMA, ITERATIONS);
 
     let older_from_newer = mode.pose.in_world(origin);
     let explained = likeliest.iter().flatten().count() as f64 / likeliest.len().max(1) as f64;
@@ -86,7 +83,7 @@ fn tie(drive: &Drive, path: &[Pose], older: usize, newer: usize, config: &Closer
     if explained < LEAST_EXPLAINED || explained - share_behind(&rays, walls.iter()) < LEAST_EXPLAINED {
         return None;
     }
-    let information = (unpacked(mode.information) - prior) * TEMPER + prior;
+    let information = (unpacked(mode.information) - prior) * MODE_TEMPER + prior;
     let around = Vector3::from(MOTION).map(|sigma| MOTIONS * sigma * sigma);
     let covariance = information.try_inverse()? + Matrix3::from_diagonal(&around);
     Some(Tie { older, newer, older_from_newer, covariance })
