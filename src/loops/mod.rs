@@ -5,9 +5,8 @@
 //! bends the path (`bend`): it holds the motions from step to step, and the scans of all visits to a place against each other
 //! (`revisits`), so that what is known well stays as it is. Then the map is rebuilt from the scans of all steps (`rebuild`).
 //!
-//! What was found is a hypothesis and no fact: rooms look alike. So it has to be the only place of its kind. And it has to be close
-//! enough for the drift of this drive, or the visits to all places have to agree better than before, or the next metres have to
-//! find the same loop.
+//! What was found is a hypothesis and no fact: rooms look alike. So it has to be the only place of its kind, the drift of this
+//! drive or matches that failed have to explain it, and the visits to all places have to agree better than before.
 
 use crate::ablation::AblationConfig;
 use crate::evaluator::PosePrior;
@@ -27,7 +26,7 @@ use bend::{Bent, Chain, Doubt, Tie};
 use nalgebra::Point2;
 use one_map::OneMap;
 use rebuild::rebuild;
-use revisits::revisits;
+use revisits::{agreement, revisits};
 use search::{Found, OlderMap, Query};
 
 mod bend;
@@ -120,8 +119,6 @@ pub struct Loops {
     /// The way at the last search \[m\].
     searched: f64,
     older: OlderMap,
-    /// A loop that one window alone spoke for.
-    pending: Option<Tie>,
     /// Between different visits to one place, of the steps before `tied`.
     ties: Vec<Tie>,
     tied: usize,
@@ -166,7 +163,6 @@ impl Loops {
             config,
             drive: Drive::default(),
             searched: 0.0,
-            pending: None,
             ties: Vec::new(),
             tied: 0,
             found: Vec::new(),
@@ -205,9 +201,8 @@ impl Loops {
         let window = self.drive.window(path.len() - 1, &self.config.loops)?;
         let found = self.search(window, path, evaluator)?;
         let new = Tie::new(found.world_from_robot, path, window);
-        let hypothesis = self.bend(path, &new);
-        let is_closed = hypothesis.as_ref().is_some_and(|bent| bent.is_likely || self.is_confirmed(&new, path));
-        self.pending = (!is_closed).then_some(new);
+        let hypothesis = self.bend(path, &new)?;
+        let is_closed = hypothesis.cost <= FAILURE;
         let [older, step] = [new.older, new.newer];
         self.found.push(Loop {
             stamp: self.drive.keyframes[step].stamp,
@@ -219,10 +214,10 @@ impl Loops {
             explained: found.explained,
             is_closed,
         });
-        let bent = hypothesis.filter(|_| is_closed)?;
-        let closed = rebuild(&self.drive.keyframes, &bent.path, &self.config);
-        self.ties = bent.ties;
-        Some(closed)
+        is_closed.then(|| {
+            self.ties = hypothesis.ties;
+            rebuild(&self.drive.keyframes, &hypothesis.path, &self.config)
+        })
     }
 
     /// The place of the older map that explains the window, if it is the only one of its kind and another one than where the robot
@@ -242,7 +237,7 @@ impl Loops {
         is_alone.then_some(found)
     }
 
-    /// The path that closes this loop, and what speaks for it; `None` where it is beyond all reason.
+    /// The path that closes this loop; `None` where the visits to all places agree no better on it: a place that looks alike.
     fn bend(&self, path: &[Pose], new: &Tie) -> Option<Hypothesis> {
         // As if no match had failed, first: where the drift explains the loop, nothing else is in doubt.
         for doubt in [Doubt::None, Doubt::OfMatches] {
@@ -250,7 +245,7 @@ impl Loops {
             let before = chain.bent(path, &self.ties, None)?;
             let Bent { mut path, cost } = chain.bent(path, &self.ties, Some(new))?;
             let cost = cost - before.cost;
-            if cost > doubt.most() {
+            if doubt == Doubt::None && cost > DRIFT {
                 continue;
             }
             let mut ties = self.ties.clone();
@@ -258,21 +253,11 @@ impl Loops {
                 ties = revisits(&self.drive, &path, 0..path.len(), &ties, &self.config);
                 Bent { path, .. } = chain.bent(&path, &ties, Some(new))?;
             }
-            let held = |ties: &[Tie], path: &[Pose]| ties.iter().filter(|tie| tie.holds(path)).count();
-            let agrees_better = held(&ties, &path) > held(&self.ties, &before.path);
-            let is_likely = doubt == Doubt::None || cost <= DRIFT || agrees_better;
-            return Some(Hypothesis { path, ties, is_likely });
+            let agreement = |path: &[Pose], ties: &[Tie]| agreement(&self.drive, path, ties, &self.config);
+            let agrees_better = agreement(&path, &ties) > agreement(&before.path, &self.ties);
+            return agrees_better.then_some(Hypothesis { path, ties, cost });
         }
         None
-    }
-
-    /// Whether the last search found the same loop.
-    fn is_confirmed(&self, new: &Tie, path: &[Pose]) -> bool {
-        self.pending.is_some_and(|pending| {
-            let moved = path[new.newer].seen_from(path[pending.newer]);
-            let by_pending = path[pending.older] * pending.older_from_newer * moved;
-            is_near(path[new.older] * new.older_from_newer, by_pending, [2.0 * SAME[0], 2.0 * SAME[1]])
-        })
     }
 }
 
@@ -282,18 +267,8 @@ struct Hypothesis {
     path: Vec<Pose>,
     /// Between the visits to one place, as that path has them.
     ties: Vec<Tie>,
-    /// Whether it may be closed although one window alone speaks for it.
-    is_likely: bool,
-}
-
-impl Doubt {
-    /// What a loop may cost at most \[nats\].
-    fn most(self) -> f64 {
-        match self {
-            Self::None => DRIFT,
-            Self::OfMatches => FAILURE,
-        }
-    }
+    /// The error that the loop adds to the pose graph \[nats\].
+    cost: f64,
 }
 
 /// A wall hides what lies behind it only where it is thicker than this \[m\]: scans are matched to no better.
