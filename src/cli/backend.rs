@@ -5,6 +5,11 @@ use super::{UsageError, say::print_line};
 use clap::ValueEnum;
 use ipslam::evaluator::Evaluator;
 #[cfg(feature = "gpu")]
+use ipslam::evaluator::{
+    by_size::{BySize, MANY},
+    gpu::GpuEvaluator,
+};
+#[cfg(feature = "gpu")]
 use std::process::{Command, Stdio};
 #[cfg(feature = "gpu")]
 use std::time::{Duration, Instant};
@@ -22,9 +27,9 @@ pub struct BackendArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Backend {
-    /// A GPU where there is one, else the CPU
+    /// A GPU where there is one, for steps with 1024 particles or more; else the CPU
     Auto,
-    /// A GPU; an error where there is none
+    /// A GPU for every step; an error where there is none
     Gpu,
     /// The CPU
     Cpu,
@@ -66,13 +71,16 @@ impl BackendArgs {
                 );
                 Ok(Chosen::cpu(None))
             }
-            Backend::Gpu => Ok(open(&find(self.adapter.as_deref())?)?),
+            Backend::Gpu => {
+                let (device, name) = open(&find(self.adapter.as_deref())?)?;
+                Ok(Chosen { evaluator: Some(Box::new(device)), name })
+            }
             // A device that was named is taken, whatever it is.
-            Backend::Auto if self.adapter.is_some() => Ok(open(&find(self.adapter.as_deref())?)?),
+            Backend::Auto if self.adapter.is_some() => Ok(by_size(open(&find(self.adapter.as_deref())?)?)),
             Backend::Auto => Ok(match probe() {
                 Ok(()) => find(None)
                     .and_then(|adapter| open(&adapter))
-                    .unwrap_or_else(|error| Chosen::cpu(Some(error.to_string()))),
+                    .map_or_else(|error| Chosen::cpu(Some(error.to_string())), by_size),
                 Err(reason) => Chosen::cpu(Some(reason)),
             }),
         }
@@ -80,10 +88,15 @@ impl BackendArgs {
 }
 
 #[cfg(feature = "gpu")]
-fn open(adapter: &ipslam::gpu::device::Adapter) -> Result<Chosen, ipslam::gpu::DeviceError> {
-    let evaluator = ipslam::evaluator::gpu::GpuEvaluator::new(adapter)?;
+fn open(adapter: &ipslam::gpu::device::Adapter) -> Result<(GpuEvaluator, String), ipslam::gpu::DeviceError> {
     let name = format!("{} ({}, {})", adapter.name, adapter.interface, adapter.driver);
-    Ok(Chosen { evaluator: Some(Box::new(evaluator)), name })
+    Ok((GpuEvaluator::new(adapter)?, name))
+}
+
+#[cfg(feature = "gpu")]
+fn by_size((device, name): (GpuEvaluator, String)) -> Chosen {
+    let name = format!("{name}; the CPU for fewer than {MANY} particles");
+    Chosen { evaluator: Some(Box::new(BySize::new(device))), name }
 }
 
 /// Whether there is a GPU worth opening, asked of another process: a driver may crash where it is only listed, and complains

@@ -29,6 +29,7 @@ use pose::LocalPose;
 use table::ClusterTable;
 use tiles::Tile;
 
+pub mod by_size;
 pub mod cholesky;
 pub mod cpu;
 pub mod failover;

@@ -1,12 +1,13 @@
 //! The evaluator on a GPU, through Vulkan, Metal or DirectX 12.
 //!
 //! A workgroup of 64 lanes has a group of up to 64 particles of one map. Where a group is full, a lane is a particle;
-//! where it is not, the tiles of the scan are shared out as well. One submission does a whole step: what a kernel
+//! where it is not, or where there are few particles in all, the tiles of the scan are shared out as well. One submission does a whole step: what a kernel
 //! leaves on the device is what the next one takes up, and poses, weights and modes alone are read back.
 //!
 //! Every cluster lives on the device, by slot of the pool; a step uploads those that are new, and for each map the list
 //! of its slots.
 
+use super::by_size::MANY;
 use super::grouping::{ParticleGroup, by_place, in_order};
 use super::pose::LocalPose;
 use super::table::{Changed, ClusterTable, Revision};
@@ -213,7 +214,8 @@ impl Evaluator for GpuEvaluator {
             dispatches.extend(climb(false, how.iterations));
             dispatches.push(Dispatch::once(Kernel::Draw, false));
         }
-        let groups = in_order(how.starts.len(), how.particles_per_map, GROUP);
+        let groups =
+            in_order(how.starts.len(), how.particles_per_map, group_size(how.starts.len() * how.particles_per_map));
         let mut proposals = Vec::with_capacity(how.starts.len() * how.particles_per_map);
         for groups in groups.chunks(self.groups_at_once(scene)) {
             let (poses, modes) = self.submit(scene, &job, Particles::Drawn(how), groups, &dispatches)?;
@@ -230,7 +232,7 @@ impl Evaluator for GpuEvaluator {
         self.upload_table(scene.table)?;
         let job = Job::evaluate(scene.tiles.len(), scene.table.log_outlier());
         let dispatches = [Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch::once(kernel, false));
-        let groups = by_place(scene.maps.len(), poses, GROUP);
+        let groups = by_place(scene.maps.len(), poses, group_size(poses.len()));
         let mut log_likelihoods = vec![0.0; poses.len()];
         for groups in groups.chunks(self.groups_at_once(scene)) {
             let (weighed, _) = self.submit(scene, &job, Particles::At(poses), groups, &dispatches)?;
@@ -246,7 +248,7 @@ impl Evaluator for GpuEvaluator {
         let job = Job::advance(how, scene.tiles.len(), scene.table.log_outlier());
         let [cull, weigh] = [Kernel::Cull, Kernel::Weigh].map(|kernel| Dispatch::once(kernel, true));
         let dispatches = [Dispatch::once(Kernel::Propagate, false), cull, weigh];
-        let groups = in_order(1, poses.len(), GROUP);
+        let groups = in_order(1, poses.len(), group_size(poses.len()));
         let mut all = Vec::with_capacity(poses.len());
         for groups in groups.chunks(self.groups_at_once(scene)) {
             let (weighed, _) = self.submit(scene, &job, Particles::Moving(poses, how), groups, &dispatches)?;
@@ -259,6 +261,11 @@ impl Evaluator for GpuEvaluator {
         }
         Ok(all)
     }
+}
+
+/// How many particles share a workgroup. Few particles leave most lanes of a device idle: then eight lanes share the tiles of each.
+fn group_size(particles: usize) -> usize {
+    if particles < MANY { GROUP / 8 } else { GROUP }
 }
 
 /// How lanes read shared clusters: a device in software does each load for one lane after the other.
