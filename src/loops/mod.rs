@@ -251,7 +251,8 @@ impl Loops {
             let mut ties = self.ties.clone();
             for _ in 0..PASSES {
                 ties = revisits(&self.drive, &path, 0..path.len(), &ties, &self.config);
-                Bent { path, .. } = chain.bent(&path, &ties, Some(new))?;
+                // The ties of all visits tell where the robot was better than a window does.
+                Bent { path, .. } = chain.bent(&path, &ties, None)?;
             }
             let agreement = |path: &[Pose], ties: &[Tie]| agreement(&self.drive, path, ties, &self.config);
             let agrees_better = agreement(&path, &ties) > agreement(&before.path, &self.ties);

@@ -48,12 +48,28 @@ pub(super) fn revisits(drive: &Drive, path: &[Pose], steps: Range<usize>, known:
     steps.into_par_iter().flat_map_iter(of_step).collect()
 }
 
-/// How well the visits to all places agree on a path: the pairs of visits that a tie holds together, less those that none does.
-pub(super) fn agreement(drive: &Drive, path: &[Pose], ties: &[Tie], config: &Closer) -> i64 {
-    let pairs = |step: usize| nearest(drive, path, step, config.loops.window).len() as i64;
-    let pairs: i64 = (0..path.len()).into_par_iter().map(pairs).sum();
-    let held = ties.iter().filter(|tie| tie.holds(path)).count() as i64;
-    held - (pairs - held)
+/// How well the visits to all places agree on a path: the pairs of visits that a tie holds together, less the share of its rays with
+/// which the later of each pair looks through walls that the earlier one saw.
+pub(super) fn agreement(drive: &Drive, path: &[Pose], ties: &[Tie], config: &Closer) -> f64 {
+    let looked_through = |step: usize| -> f64 {
+        let tiles = &drive.keyframes[step].tiles;
+        let by_visit = |older: usize| {
+            let older_from_robot = path[step].seen_from(path[older]);
+            let walls = walls_around(drive, path, older, older_from_robot, f64::from(reach(tiles)), config);
+            share_behind(&rays(older_from_robot, tiles), walls.iter())
+        };
+        nearest(drive, path, step, config.loops.window).into_iter().map(by_visit).sum()
+    };
+    let held = ties.iter().filter(|tie| tie.holds(path)).count();
+    // In the order of the steps: a sum of floats depends on it.
+    let looked_through: Vec<f64> = (0..path.len()).into_par_iter().map(looked_through).collect();
+    held as f64 - looked_through.iter().sum::<f64>()
+}
+
+/// The beams of a scan, each from the robot to a point.
+fn rays(frame_from_robot: Pose, tiles: &[Tile]) -> Vec<[Point2<f64>; 2]> {
+    let ray = |point: Point2<f64>| [frame_from_robot.position(), frame_from_robot * point];
+    tiles.iter().flat_map(Tile::points).map(ray).collect()
 }
 
 /// The nearest step of each visit at least `apart` \[m\] of way before a step.
@@ -86,9 +102,8 @@ fn tie(drive: &Drive, path: &[Pose], older: usize, newer: usize, config: &Closer
 
     let older_from_newer = mode.pose.in_world(origin);
     let explained = likeliest.iter().flatten().count() as f64 / likeliest.len().max(1) as f64;
-    let ray = |point: Point2<f64>| [older_from_newer.position(), older_from_newer * point];
-    let rays: Vec<[Point2<f64>; 2]> = tiles.iter().flat_map(Tile::points).map(ray).collect();
-    if explained < LEAST_EXPLAINED || explained - share_behind(&rays, walls.iter()) < LEAST_EXPLAINED {
+    let looked_through = || share_behind(&rays(older_from_newer, tiles), walls.iter());
+    if explained < LEAST_EXPLAINED || explained - looked_through() < LEAST_EXPLAINED {
         return None;
     }
     let information = (unpacked(mode.information) - prior) * MODE_TEMPER + prior;
@@ -214,7 +229,7 @@ mod tests {
         let about = centre * Pose::new(0.0, 0.0, std::f64::consts::PI) * centre.inverse();
         let apart = [Pose::IDENTITY, Pose::new(4.0, 0.0, 0.0), about].map(agreement_of);
         println!("seed {SEED}: true, a room beside it, turned about: {apart:?}");
-        assert!(apart[0] > 50 && apart[1] < 0 && apart[2] < 0, "seed {SEED}: {apart:?}");
+        assert!(apart[0] > 2.0 * apart[1].max(apart[2]), "seed {SEED}: {apart:?}");
     }
 
     /// A hall of 12 by 4 m, driven along; then its walls seen again, from a metre off the path. A wall between the two in the
