@@ -1,7 +1,7 @@
 //! `ipslam run --continue`: the map of an earlier run, and where in it a drive begins.
 
 use super::convert::read_grid;
-use super::localize::{known_map, pose};
+use super::known_map::{known_map, pose};
 use super::say::say;
 use anyhow::Context as _;
 use ipslam::config::{LocalizationConfig, SlamConfig};
@@ -23,7 +23,7 @@ pub struct ContinueArgs {
     start: Option<Pose>,
 }
 
-/// How well `--start` tells where the robot is \[m, rad\], as for `localize`.
+/// Standard deviations of `--start` \[m, rad\], as for `localize`.
 const START: [f64; 2] = [0.5, 0.26];
 
 /// What an earlier drive left, and where the new one begins in it.
@@ -31,7 +31,7 @@ pub struct Earlier {
     pub path: PathBuf,
     pub map: LineMap,
     /// Of its grid, as far as that is there, in cells of this side.
-    grid: OccupancyGrid,
+    pub grid: OccupancyGrid,
     pub beginning: Beginning,
 }
 
@@ -63,13 +63,6 @@ impl ContinueArgs {
         let beginning = find_beginning(&map, source, initial, &localization)
             .with_context(|| format!("{}: {} cannot be continued in it", path.display(), source.name()))?;
         Ok(Some(Earlier { path, map, grid, beginning }))
-    }
-}
-
-impl Earlier {
-    /// A grid, and where it knows nothing what the earlier one knew.
-    pub fn behind(&self, grid: &OccupancyGrid) -> anyhow::Result<OccupancyGrid> {
-        Ok(grid.over(&self.grid)?)
     }
 }
 

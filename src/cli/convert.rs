@@ -107,12 +107,12 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
         )));
     }
     let format = Format::of(output).ok_or_else(|| {
-        UsageError(format!("{}: the ending of this name tells no format\n{POSSIBLE}", output.display()))
+        UsageError(format!("{}: the ending of this name is that of no known format\n{POSSIBLE}", output.display()))
     })?;
     let map = match Format::of(input) {
         Some(Format::Json) => Map::Clusters(map_json::read_map(input)?),
-        Some(Format::MapServer) => Map::Grid(told(map_server::read(input)?)),
-        Some(Format::Png) => Map::Grid(told(map_server::read_picture(input)?)),
+        Some(Format::MapServer) => Map::Grid(warned(map_server::read(input)?)),
+        Some(Format::Png) => Map::Grid(warned(map_server::read_picture(input)?)),
         Some(Format::Trajectory(from)) => {
             let Format::Trajectory(to) = format else {
                 bail!(UsageError(format!("{}: a trajectory makes another one only\n{POSSIBLE}", input.display())))
@@ -154,10 +154,10 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
 
 /// Reads a grid, and says what is odd about it.
 pub fn read_grid(path: &Path) -> anyhow::Result<OccupancyGrid> {
-    Ok(told(map_server::read(path)?))
+    Ok(warned(map_server::read(path)?))
 }
 
-fn told(ReadGrid { grid, warnings }: ReadGrid) -> OccupancyGrid {
+fn warned(ReadGrid { grid, warnings }: ReadGrid) -> OccupancyGrid {
     warnings.iter().for_each(|warning| say!("warning: {warning}"));
     grid
 }

@@ -21,8 +21,8 @@ pub struct LogArgs {
     /// Topic of the odometry in a bag: odometry messages or transforms [default: the only odometry, or else /tf]
     #[arg(long, value_name = "TOPIC", requires = "log")]
     odom_topic: Option<String>,
-    /// Field of view of a laser whose sweeps hold only ranges (FLASER) [degrees; default: what the log or the number of
-    /// beams tells]
+    /// Field of view of a laser whose sweeps hold only ranges (FLASER) [degrees; default: from the log or the number of
+    /// beams]
     #[arg(long, value_name = "DEGREES", requires = "log", value_parser = degrees)]
     fov: Option<f64>,
 }

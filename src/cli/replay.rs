@@ -5,7 +5,8 @@ use super::backend::BackendArgs;
 use super::configuration::ConfigArgs;
 use super::output::OutArgs;
 use super::recording::RecordLevel;
-use super::run::{GridArgs, ThreadArgs};
+use super::run::GridArgs;
+use super::threads::ThreadArgs;
 use super::truth::TruthArgs;
 use std::path::PathBuf;
 
@@ -74,7 +75,7 @@ mod with_recorder {
     use std::path::Path;
     use std::rc::Rc;
 
-    /// What is known to be something else is told with what it is for; the rest is the reader's business.
+    /// For a file of a known other kind the error names the command that reads it; all others are left to the reader.
     fn refuse_other(path: &Path) -> anyhow::Result<()> {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         let shown = path.display();

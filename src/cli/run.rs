@@ -10,8 +10,9 @@ use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::say::{print_line, say};
 use super::summary::Summary;
+use super::threads::ThreadArgs;
 use super::truth::{Truth, TruthArgs};
-use anyhow::{Context as _, anyhow};
+use anyhow::anyhow;
 use ipslam::config::{Config, SlamConfig};
 use ipslam::evaluator::Evaluator;
 use ipslam::grid::RESOLUTION;
@@ -25,7 +26,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Maps a log, or without one a simulated drive through the built-in building: writes trajectory, map, pictures and a
-/// summary. Of several logs each goes on with the map of those before it, in a folder of its own.
+/// summary. Of several logs each goes on with the map of those before it, in its own folder.
 #[derive(Debug, clap::Args)]
 pub struct RunArgs {
     #[command(flatten)]
@@ -71,26 +72,6 @@ pub struct GridArgs {
 fn cell_size(text: &str) -> Result<f64, String> {
     let size = text.parse().ok().filter(|size| (1e-3..=10.0).contains(size));
     size.ok_or_else(|| "a number of metres from 0.001 to 10 is needed".to_owned())
-}
-
-/// How many threads work.
-#[derive(Debug, clap::Args)]
-pub struct ThreadArgs {
-    /// Threads, up to 1024; 0 for one for each core. The result does not depend on it
-    #[arg(long, default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(..=1024))]
-    threads: u16,
-}
-
-impl ThreadArgs {
-    /// Starts them.
-    pub fn start(&self) -> anyhow::Result<()> {
-        // As rayon starts them by itself; a second command of one process has them already.
-        if self.threads == 0 {
-            return Ok(());
-        }
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(self.threads));
-        pool.build_global().context("no threads (option --threads)")
-    }
 }
 
 /// Maps the logs. What went wrong while the run could go on is returned as a list, and what ended it as the error.
@@ -192,7 +173,7 @@ pub struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Maps the log, writes the outputs and prints the summary; neither where there was no laser reading.
+    /// Maps the log, writes the outputs and prints the summary; nothing is written for a log without laser readings.
     pub fn run(
         &self,
         evaluator: Option<Box<dyn Evaluator>>,
@@ -226,7 +207,7 @@ impl Job<'_> {
         outputs
             .note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
         if let Some(Earlier { beginning, .. }) = self.earlier {
-            // Odometry alone tells of the way to where the robot came into the map.
+            // Up to the first located scan there is odometry only.
             let unknown = Confidence { weight: 0.0, explained: 0.0, is_located: false };
             let before = mapped.result.poses.iter_mut().take(beginning.reading);
             before.for_each(|estimate| estimate.confidence = Some(unknown));
@@ -240,7 +221,8 @@ impl Job<'_> {
         outputs.write("config.toml", toml::to_string(config)?.as_bytes());
         let (report, truth) = self.truth.score(&trajectory_path, &trajectory, &mapped.truth);
         let began = Instant::now();
-        let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth, self.cell_size, self.earlier);
+        let grid = self.earlier.map(|earlier| &earlier.grid);
+        let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth, self.cell_size, grid);
         let drawing_seconds = began.elapsed().as_secs_f64();
         let earlier = self.earlier;
         let summary = Summary { name, device, mapped, earlier, config, map_bytes, drawing_seconds, report: &report };

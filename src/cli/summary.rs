@@ -6,6 +6,7 @@ use ipslam::config::SlamConfig;
 use ipslam::geometry::Pose;
 use ipslam::pipeline::{End, Outcome};
 use ipslam::report::{Loop, RunResult, StageTimes};
+use ipslam::tracking::OdometryErrors;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -77,7 +78,7 @@ impl Summary<'_> {
         match stats.laser_without_odometry {
             0 => {}
             _ if self.has_no_odometry() => {
-                warnings.push("no odometry at all: the map is made by matching scans alone, and may be wrong where they show little; look at it".to_owned());
+                warnings.push("no odometry at all: the map is made by scan matching alone and may be wrong where scans have few features; check map.png".to_owned());
             }
             some => warnings.push(format!(
                 "scans before any odometry, or in a bag more than 1 s from it: {some}; they were taken to be where it starts \
@@ -87,8 +88,8 @@ impl Summary<'_> {
         warnings.extend(refused_odometry(&self.mapped.result));
         if stats.laser_without_mounting > 0 {
             warnings.push(
-                "the bag does not tell where the laser is mounted (no chain of transforms that never change on /tf_static or /tf): it was taken to be \
-                 at the robot's origin and to look forward"
+                "the bag has no mounting of the laser (no chain of fixed transforms on /tf_static or /tf): the laser was assumed to be at the robot's \
+                 origin, facing forward"
                     .to_owned(),
             );
         }
@@ -100,7 +101,7 @@ impl Summary<'_> {
         }
         if stats.guessed_angles > 0 {
             warnings.push(format!(
-                "sweeps that do not tell the angles of their beams: {}; 180 degrees were assumed (option --fov)",
+                "sweeps without the angles of their beams: {}; 180 degrees were assumed (option --fov)",
                 stats.guessed_angles
             ));
         }
@@ -150,7 +151,7 @@ impl Summary<'_> {
             ));
         }
         if self.has_no_odometry() {
-            doubts.push("no odometry: where scans show little, nothing tells how far the robot went".to_owned());
+            doubts.push("no odometry: where scans have few features, the distance driven is unknown".to_owned());
         }
         doubts
     }
@@ -232,7 +233,7 @@ impl Summary<'_> {
         let counts = &mapped.counts;
         let percent = |count: f64| 100.0 * count / config.particles as f64;
         let StageTimes { cluster, track, propagate, weigh, resample, merge, .. } = counts.times;
-        let (loops, errors) = (&mapped.result.loops, mapped.result.odometry_errors);
+        let loops = &mapped.result.loops;
         let rows = [
             ("log", format!("{}: {} scans in {:.1} s", self.name, counts.scans, counts.log_seconds())),
             (
@@ -260,13 +261,7 @@ impl Summary<'_> {
                     percent(counts.effective_worst)
                 ),
             ),
-            (
-                "odometry",
-                format!(
-                    "errs {:.2} times as much as expected in positions, {:.2} times in headings, by its motions against the scans",
-                    errors.position, errors.heading
-                ),
-            ),
+            ("odometry", odometry_errors(&mapped.result)),
             ("loops", format!("{} found, {} closed", loops.len(), loops.iter().filter(|l| l.is_closed).count())),
             (
                 "time",
@@ -307,6 +302,14 @@ impl Summary<'_> {
         }
         table
     }
+}
+
+/// The error of odometry in units of the configured noise.
+pub fn odometry_errors(result: &RunResult) -> String {
+    let OdometryErrors { position, heading } = result.odometry_errors;
+    format!(
+        "errs {position:.2} times as much as expected in positions, {heading:.2} times in headings, by its motions against the scans"
+    )
 }
 
 /// What to say of odometry that was not believed, if there is any.

@@ -1051,7 +1051,7 @@ fn a_map_that_cannot_be_used_is_an_error() {
     for (words, expected) in [
         (&["map.txt", "drive.clf"][..], &["map.txt: a map is a .json file"][..]),
         (&["none.json", "drive.clf"], &["none.json: cannot be opened"]),
-        (&["no_area.json", "drive.clf"], &["does not tell where a robot can be", "run the log again"]),
+        (&["no_area.json", "drive.clf"], &["has no free area", "run the log again"]),
         (&["no_walls.json", "drive.clf"], &["no_walls.json: it has no wall"]),
         (&["mapped/map.json", "none.clf"], &["none.clf: cannot be opened"]),
     ] {

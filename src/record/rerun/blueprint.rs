@@ -24,7 +24,7 @@
 //! | [`PARENTS`] | for each map the number of the one that it was before the step | every step, if in full |
 //! | [`RESULT`] | checksum of the result, and 1 where it was smoothed | at the end |
 //!
-//! Where two runs stand side by side, the paths of each lie under a root of its own: [`RECORDED`], [`REPLAYED`].
+//! With two runs side by side, the paths of each have a root: [`RECORDED`], [`REPLAYED`].
 //!
 //! Everything under [`WORLD`] is in the world's frame in metres, and odometry is moved as a whole so that it starts at
 //! the robot's first pose. What is under [`STEP`] is cleared at the end of the run.
@@ -58,7 +58,7 @@ pub const ABOUT: &str = "run/about";
 pub const LASER: &str = "run/log/laser";
 /// Odometry, as it came.
 pub const ODOMETRY_READING: &str = "run/log/odometry";
-/// True poses that the log tells.
+/// True poses in the log.
 pub const TRUTH: &str = "run/log/truth";
 /// Pose of the best particle.
 pub const POSE: &str = "run/step/pose";
@@ -126,7 +126,7 @@ const DRIFT: [u8; 3] = [214, 140, 40];
 const LOCATED: [u8; 3] = [60, 220, 110];
 const LOST: [u8; 3] = [150, 150, 150];
 
-/// The entity of a path of this module in a run whose paths lie under `root`; empty where there is one run alone.
+/// The entity of a path of this module in a run whose paths lie under `root`; empty for a single run.
 pub(super) fn under(root: &str, path: &str) -> String {
     if root.is_empty() { path.to_owned() } else { format!("{root}/{path}") }
 }
@@ -145,7 +145,7 @@ pub(super) fn log_styles(stream: &RecordingStream, root: &str) -> RecordingStrea
     log_trajectory_style(stream, &at(TRAJECTORY))?;
     log_odometry_style(stream, &at(ODOMETRY))?;
 
-    // Two runs share a plot: the names tell which is which.
+    // Two runs share a plot, so the name of each series has its root.
     let named = |name: &str| if root.is_empty() { name.to_owned() } else { format!("{root}: {name}") };
     let (size, clusters) = if root == RECORDED { (PATH, DRIFT) } else { (SCAN, MAP) };
     let line = |name, rgb| SeriesLines::new().with_names([named(name)]).with_colors([colour(rgb)]).with_widths([1.5]);
@@ -173,7 +173,7 @@ pub(super) fn log_odometry_style(stream: &RecordingStream, path: &str) -> Record
 /// The map, large, and three plots beside it.
 pub(super) fn views(config: &Config) -> Blueprint {
     let (legend, first, second) = match config {
-        // Objects are recorded in a layout of their own.
+        // Recordings of objects have another blueprint.
         Config::Slam(_) | Config::Semantic(_) => (
             LEGEND,
             plot("Effective sample size", ["plots/particles/**".to_owned()]),
@@ -220,7 +220,7 @@ pub(super) fn plot(name: &str, contents: impl IntoIterator<Item = String>) -> Co
 }
 
 pub(super) fn whole(views: ContainerLike) -> Blueprint {
-    // The end of the run tells most; from there one winds back.
+    // The end of the run shows the whole map.
     let time = TimePanel::new().with_timeline(STEP_TIMELINE).with_play_state(PlayState::Following);
     let time = time.with_state(PanelState::Collapsed);
     Blueprint::new(views)

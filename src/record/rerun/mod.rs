@@ -6,7 +6,7 @@
 //! own. With them and the configuration the run can be repeated: [`read`] does the reading.
 //!
 //! Recording never stops a run. What goes wrong after the start ends the recording, and [`Observer::failure`]
-//! tells it; the observer ignores the steps that follow.
+//! returns the reason; the observer ignores the steps that follow.
 
 use crate::pipeline::RunInfo;
 use crate::report::{Event, Observer};
@@ -24,9 +24,10 @@ mod entries;
 mod frames;
 mod log;
 pub mod read;
+mod rows;
 pub mod semantic;
 
-/// Name under which the viewer keeps the layout of its views.
+/// Application id: the viewer keeps one blueprint for each.
 const APPLICATION: &str = "ipslam";
 /// Steps between flushes of the recording, each of which checks that it was written.
 const CHECK_EVERY: u32 = 100;
@@ -147,7 +148,7 @@ impl RerunObserver {
         let (partial, begun) = Begun::beside(path);
         let (stream, failed) = file(path, &partial, &format!("{}, replayed", info.log))?;
         blueprint::comparison_blueprint().send(&stream, BlueprintActivation::default())?;
-        // How two runs share a plot is not how one has it alone.
+        // The styles of a recorded run differ where a replay shares its plots.
         blueprint::log_styles(&stream, blueprint::RECORDED)?;
         recorded.store().send(&stream, blueprint::RECORDED)?;
         Self::start(stream, blueprint::REPLAYED, level, info, FULL_DISK, begun, failed)
