@@ -9,14 +9,14 @@ use ipslam::geometry::Pose;
 use ipslam::grid::{OccupancyGrid, drawn};
 use ipslam::localization::{Beginning, InitialPose, find_beginning};
 use ipslam::log::{LogEntry, LogError, LogReader, LogSource, LogStats};
-use ipslam::map::LineMap;
+use ipslam::pipeline::Continued;
 use std::path::PathBuf;
 
 /// Which map a run goes on with.
 #[derive(Clone, Debug, clap::Args)]
 pub struct ContinueArgs {
     /// Go on with the map of an earlier run, its folder or map.json: the robot is found in it first, then both drives are one map
-    #[arg(long = "continue", value_name = "RUN", conflicts_with = "record")]
+    #[arg(long = "continue", value_name = "RUN")]
     earlier: Option<PathBuf>,
     /// Where the robot is at its first scan, about, in the frame of that map; without it, it may be anywhere
     #[arg(long, value_name = "X,Y,HEADING", allow_hyphen_values = true, value_parser = pose, requires = "earlier")]
@@ -26,13 +26,11 @@ pub struct ContinueArgs {
 /// Standard deviations of `--start` \[m, rad\], as for `localize`.
 const START: [f64; 2] = [0.5, 0.26];
 
-/// What an earlier drive left, and where the new one begins in it.
+/// An earlier drive, and where the new one begins in it.
 pub struct Earlier {
-    pub path: PathBuf,
-    pub map: LineMap,
-    /// Of its grid, as far as that is there, in cells of this side.
+    pub continued: Continued,
+    /// Its grid if there is one, else one drawn from its map.
     pub grid: OccupancyGrid,
-    pub beginning: Beginning,
 }
 
 impl From<PathBuf> for ContinueArgs {
@@ -60,9 +58,10 @@ impl ContinueArgs {
             self.start.map(|world_from_robot| InitialPose { world_from_robot, position_sigma, heading_sigma });
         let SlamConfig { seed, scan, motion, tracking, .. } = *config;
         let localization = LocalizationConfig { seed, scan, motion, tracking, ..LocalizationConfig::default() };
-        let beginning = find_beginning(&map, source, initial, &localization)
+        let Beginning { reading: first_scan, world_from_robot } = find_beginning(&map, source, initial, &localization)
             .with_context(|| format!("{}: {} cannot be continued in it", path.display(), source.name()))?;
-        Ok(Some(Earlier { path, map, grid, beginning }))
+        let name = path.display().to_string();
+        Ok(Some(Earlier { continued: Continued { name, map, first_scan, world_from_robot }, grid }))
     }
 }
 

@@ -97,7 +97,7 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let mut outputs = args.out.open(&format!("{}-localized", source.name()))?;
     interrupt::watch()?;
     let Chosen { evaluator, name: device } = args.backend.choose()?;
-    let info = RunInfo { log: source.name(), device, config: Config::Localization(config) };
+    let info = RunInfo { log: source.name(), device, config: Config::Localization(config), continues: None };
     let mut observers = args.recording.observers(&info, args.log.log.as_deref())?;
 
     let [position_sigma, heading_sigma] = args.start_spread;

@@ -63,8 +63,9 @@ mod with_recorder {
     use super::ReplayArgs;
     use anyhow::{bail, ensure};
     use ipslam::config::{Config, SlamConfig};
+    use ipslam::grid::drawn;
     use ipslam::log::LogSource as _;
-    use ipslam::pipeline::{Outcome, RunInfo};
+    use ipslam::pipeline::{Continued, Outcome, RunInfo};
     use ipslam::record::rerun::RerunObserver;
     use ipslam::record::rerun::read::{RecordedRun, RecordedStep, Store};
     use ipslam::record::rerun::semantic::RecordedMapping;
@@ -123,7 +124,7 @@ mod with_recorder {
                 say!("{shown} was recorded by version {}: another version may differ", recorded.store().version);
             }
         }
-        let info = RunInfo { log: recorded.store().info.log.clone(), device, config: Config::Slam(config) };
+        let info = RunInfo { device, config: Config::Slam(config), ..recorded.store().info.clone() };
 
         let replayed = Rc::new(RefCell::new(Replayed::default()));
         let mut observers: Vec<Box<dyn Observer>> = vec![Box::new(Listener(Rc::clone(&replayed)))];
@@ -135,12 +136,16 @@ mod with_recorder {
         let smooth = recorded.result.is_none_or(|result| result.is_smoothed);
         let job = Job {
             source: &recorded,
-            earlier: None,
             info: &info,
             config: &config,
             max_scans: None,
             truth: &truth,
             cell_size: args.grid.cell_size,
+            earlier_grid: info
+                .continues
+                .as_ref()
+                .map(|Continued { map, .. }| drawn(&map.clusters, map.free.as_ref(), args.grid.cell_size))
+                .transpose()?,
             align: false,
             smooth,
             printed: (!args.json).then_some(Printed::Table),

@@ -15,9 +15,9 @@ use super::truth::{Truth, TruthArgs};
 use anyhow::anyhow;
 use ipslam::config::{Config, SlamConfig};
 use ipslam::evaluator::Evaluator;
-use ipslam::grid::RESOLUTION;
+use ipslam::grid::{OccupancyGrid, RESOLUTION};
 use ipslam::log::LogSource;
-use ipslam::pipeline::{Counts, End, Outcome, Run, RunInfo};
+use ipslam::pipeline::{Continued, Counts, End, Outcome, Run, RunInfo};
 use ipslam::report::{Confidence, Observer};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
@@ -110,17 +110,18 @@ impl RunArgs {
         let earlier = earlier.find(&*source, config, self.grid.cell_size)?;
         interrupt::watch()?;
         let Chosen { evaluator, name: device } = self.backend.choose()?;
-        let info = RunInfo { log: source.name(), device, config: Config::Slam(*config) };
+        let (continues, earlier_grid) = earlier.map(|Earlier { continued, grid }| (continued, grid)).unzip();
+        let reading = continues.as_ref().map_or(0, |continued| continued.first_scan);
+        let info = RunInfo { log: source.name(), device, config: Config::Slam(*config), continues };
         let mut observers = self.recording.observers(&info, log)?;
-        let reading = earlier.as_ref().map_or(0, |earlier| earlier.beginning.reading);
         let job = Job {
             source: &ScansFrom { source: &*source, reading },
-            earlier: earlier.as_ref(),
             info: &info,
             config,
             max_scans: self.max_scans,
             truth,
             cell_size: self.grid.cell_size,
+            earlier_grid,
             align: self.align,
             smooth: true,
             printed: Some(if self.json { Printed::Json } else { Printed::Table }),
@@ -154,8 +155,6 @@ pub enum Printed {
 /// A run about to start.
 pub struct Job<'a> {
     pub source: &'a dyn LogSource,
-    /// What it goes on with.
-    pub earlier: Option<&'a Earlier>,
     pub info: &'a RunInfo,
     /// That of the information.
     pub config: &'a SlamConfig,
@@ -164,6 +163,8 @@ pub struct Job<'a> {
     pub truth: &'a Truth<'a>,
     /// Side of a cell of the grid [m].
     pub cell_size: f64,
+    /// The grid of the earlier drive that is continued.
+    pub earlier_grid: Option<OccupancyGrid>,
     /// Whether the world is turned so that most walls are along its axes.
     pub align: bool,
     /// Whether the result is smoothed.
@@ -186,8 +187,8 @@ impl Job<'_> {
             Some(evaluator) => Slam::with_evaluator(*config, evaluator),
             None => Slam::new(*config),
         };
-        if let Some(Earlier { map, beginning, .. }) = self.earlier {
-            slam = slam.continuing(&map.clusters, beginning.world_from_robot);
+        if let Some(Continued { map, world_from_robot, .. }) = &self.info.continues {
+            slam = slam.continuing(map, *world_from_robot);
         }
         let smoothing = self.smooth.then(|| config.smoother());
         let run = Run { max_scans: self.max_scans, smoothing, ..Run::of(self.source) };
@@ -206,10 +207,10 @@ impl Job<'_> {
         let smoothed = std::mem::replace(&mut mapped.smoothing, Ok(()));
         outputs
             .note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
-        if let Some(Earlier { beginning, .. }) = self.earlier {
+        if let Some(Continued { first_scan, .. }) = self.info.continues {
             // Up to the first located scan there is odometry only.
             let unknown = Confidence { weight: 0.0, explained: 0.0, is_located: false };
-            let before = mapped.result.poses.iter_mut().take(beginning.reading);
+            let before = mapped.result.poses.iter_mut().take(first_scan);
             before.for_each(|estimate| estimate.confidence = Some(unknown));
         }
         if self.align {
@@ -221,11 +222,11 @@ impl Job<'_> {
         outputs.write("config.toml", toml::to_string(config)?.as_bytes());
         let (report, truth) = self.truth.score(&trajectory_path, &trajectory, &mapped.truth);
         let began = Instant::now();
-        let grid = self.earlier.map(|earlier| &earlier.grid);
+        let grid = self.earlier_grid.as_ref();
         let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth, self.cell_size, grid);
         let drawing_seconds = began.elapsed().as_secs_f64();
-        let earlier = self.earlier;
-        let summary = Summary { name, device, mapped, earlier, config, map_bytes, drawing_seconds, report: &report };
+        let continues = self.info.continues.as_ref();
+        let summary = Summary { name, device, mapped, continues, config, map_bytes, drawing_seconds, report: &report };
         let json = format!("{:#}", summary.json()?);
         outputs.write("summary.json", format!("{json}\n").as_bytes());
         // Whoever closed this pipe has read enough; the summary is in its file.

@@ -1,10 +1,9 @@
 //! The summary of a run: `summary.json`, and the same as a short table.
 
-use super::continued::Earlier;
 use super::eval::Report;
 use ipslam::config::SlamConfig;
 use ipslam::geometry::Pose;
-use ipslam::pipeline::{End, Outcome};
+use ipslam::pipeline::{Continued, End, Outcome};
 use ipslam::report::{Loop, RunResult, StageTimes};
 use ipslam::tracking::OdometryErrors;
 use serde_json::{Value, json};
@@ -24,7 +23,7 @@ pub struct Summary<'a> {
     pub name: &'a str,
     pub device: &'a str,
     pub mapped: &'a Outcome,
-    pub earlier: Option<&'a Earlier>,
+    pub continues: Option<&'a Continued>,
     pub config: &'a SlamConfig,
     pub map_bytes: usize,
     pub drawing_seconds: f64,
@@ -136,11 +135,11 @@ impl Summary<'_> {
         let open: Vec<&Loop> = self.mapped.result.loops.iter().filter(|found| !found.is_closed).collect();
         if let Some(first) = open.first() {
             doubts.push(format!(
-                "loops that were found and that the path does not close: {}, first at stamp {} ({:.1} m off a place of stamp {})",
+                "loops that were found and that the path does not close: {}, first at stamp {} ({:.1} m off a place {})",
                 open.len(),
                 first.stamp,
                 first.correction,
-                first.older_stamp
+                first.older_stamp.map_or("of the earlier map".to_owned(), |stamp| format!("of stamp {stamp}"))
             ));
         }
         let looked_through = self.mapped.result.looked_through;
@@ -176,10 +175,10 @@ impl Summary<'_> {
                 "duration_s": counts.log_seconds(),
                 "stats": mapped.stats,
             },
-            "continues": self.earlier.map(|Earlier { path, beginning, .. }| json!({
-                "map": path.display().to_string(),
-                "first_scan": beginning.reading,
-                "world_from_robot": beginning.world_from_robot,
+            "continues": self.continues.map(|Continued { name, first_scan, world_from_robot, .. }| json!({
+                "map": name,
+                "first_scan": first_scan,
+                "world_from_robot": world_from_robot,
             })),
             "beams": {
                 "scans": counts.scans,
@@ -283,10 +282,9 @@ impl Summary<'_> {
                 ),
             ),
         ];
-        let continues = self.earlier.map(|Earlier { path, beginning, .. }| {
-            let Pose { x, y, heading } = beginning.world_from_robot;
+        let continues = self.continues.map(|Continued { name, world_from_robot: Pose { x, y, heading }, .. }| {
             let degrees = heading.to_degrees();
-            ("", format!("goes on with {}, from ({x:.2}, {y:.2}) m, {degrees:.0}° in it", path.display()))
+            ("", format!("goes on with {name}, from ({x:.2}, {y:.2}) m, {degrees:.0}° in it"))
         });
         let memory = peak_memory().map(|bytes| ("memory", format!("{:.0} MB at most", bytes as f64 / 1e6)));
         let verdict = self.doubts().into_iter().map(|doubt| ("doubtful", doubt));

@@ -117,6 +117,18 @@ impl FreeArea {
         run.is_some_and(|run| f64::from(run.row) == row && column < f64::from(run.end))
     }
 
+    /// Points of the area \[m\], of its rows and columns one every `spacing` \[m\].
+    pub fn points(&self, spacing: f64) -> Vec<Point2<f64>> {
+        let every = (spacing / self.cell).round().max(1.0) as u32;
+        let middle = |cell: u32| (f64::from(cell) + 0.5) * self.cell;
+        let rows = self.runs.iter().filter(|run| run.row.is_multiple_of(every));
+        let points = rows.flat_map(|run| {
+            let columns = (run.start.next_multiple_of(every)..run.end).step_by(every as usize);
+            columns.map(|column| self.world_from_grid * Point2::new(middle(column), middle(run.row)))
+        });
+        points.collect()
+    }
+
     /// Its size \[m²\].
     pub fn area(&self) -> f64 {
         self.cells() as f64 * self.cell * self.cell

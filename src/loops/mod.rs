@@ -8,6 +8,9 @@
 //! What was found is a hypothesis and no fact: rooms look alike. So it has to be the only place of its kind. And it has to be close
 //! enough for the drift of this drive, or the visits to all places have to agree better than before, or the next metres have to
 //! find the same loop.
+//!
+//! In a run that continues the map of an earlier drive, that map is part of the older map, and it stays where it is: each step whose
+//! scan it explains is tied to it. So a loop bends the path only between the places that were known before.
 
 use crate::ablation::AblationConfig;
 use crate::evaluator::PosePrior;
@@ -16,19 +19,19 @@ use crate::evaluator::failover::Failover;
 use crate::evaluator::tiles::Tile;
 use crate::geometry::Pose;
 use crate::likelihood::{ClusterParams, LikelihoodConfig};
-use crate::map::MapCluster;
 use crate::map::matching::MatchingConfig;
 use crate::map::merging::MergingConfig;
+use crate::map::{LineMap, MapCluster};
 use crate::motion::Motion;
 use crate::parameters::parameters;
 use crate::ppca::Cluster;
 use crate::report::Loop;
-use bend::{Bent, Chain, Doubt, Tie};
+use bend::{Bent, Chain, Doubt, Tie, pose_of};
 use nalgebra::Point2;
 use one_map::OneMap;
 use rebuild::rebuild;
 use revisits::revisits;
-use search::{Found, OlderMap, Query};
+use search::{BACK, Found, OlderMap, Query};
 
 mod bend;
 mod one_map;
@@ -61,13 +64,6 @@ pub struct Closer {
     pub ablation: AblationConfig,
 }
 
-impl Closer {
-    /// The same, but that no loop is searched for.
-    pub fn without_search(self) -> Self {
-        Self { loops: LoopConfig { search_distance: 0.0, ..self.loops }, ..self }
-    }
-}
-
 /// What a step of the filter leaves behind for loops.
 #[derive(Clone, Debug)]
 pub struct Keyframe {
@@ -95,6 +91,8 @@ pub struct Closed {
 /// Steps along the path, a window of metres at a time.
 #[derive(Debug, Default)]
 struct Drive {
+    /// The map of an earlier drive that this one continues, if it does.
+    earlier: LineMap,
     keyframes: Vec<Keyframe>,
     /// Way up to each step \[m\].
     travelled: Vec<f64>,
@@ -159,12 +157,12 @@ impl Drive {
 }
 
 impl Loops {
-    /// Nothing has been seen.
-    pub fn new(config: Closer) -> Self {
+    /// Nothing has been seen, except in an earlier drive: `earlier` is its map, in the world's frame, or empty.
+    pub fn new(config: Closer, earlier: LineMap) -> Self {
         Self {
-            older: OlderMap::new(&config),
+            older: OlderMap::new(&earlier, &config),
             config,
-            drive: Drive::default(),
+            drive: Drive { earlier, ..Drive::default() },
             searched: 0.0,
             pending: None,
             ties: Vec::new(),
@@ -186,7 +184,8 @@ impl Loops {
     /// The loops that were found so far; `path` is `world_from_robot` at every step.
     pub fn found(&self, path: &[Pose]) -> Vec<Loop> {
         let is_closed = |found: &Loop| {
-            let older_from_robot = path[found.step as usize].seen_from(path[found.older as usize]);
+            let older = found.older.map(|step| step as usize);
+            let older_from_robot = path[found.step as usize].seen_from(pose_of(older, path));
             is_near(older_from_robot, found.older_from_robot, [3.0 * SAME[0], 3.0 * SAME[1]])
         };
         self.found.iter().map(|found| Loop { is_closed: is_closed(found), ..*found }).collect()
@@ -204,23 +203,25 @@ impl Loops {
         self.ties.extend(revisits(&self.drive, path, steps, &[], &self.config));
         let window = self.drive.window(path.len() - 1, &self.config.loops)?;
         let found = self.search(window, path, evaluator)?;
-        let new = Tie::new(found.world_from_robot, path, window);
+        // Without an earlier drive every place is one of this drive.
+        let near = if self.drive.earlier.clusters.is_empty() { f64::INFINITY } else { BACK };
+        let new = Tie::new(found.world_from_robot, path, window, near);
         let hypothesis = self.bend(path, &new);
         let is_closed = hypothesis.as_ref().is_some_and(|bent| bent.is_likely || self.is_confirmed(&new, path));
         self.pending = (!is_closed).then_some(new);
-        let [older, step] = [new.older, new.newer];
+        let step = new.newer;
         self.found.push(Loop {
             stamp: self.drive.keyframes[step].stamp,
-            older_stamp: self.drive.keyframes[older].stamp,
+            older_stamp: new.older.map(|older| self.drive.keyframes[older].stamp),
             step: step as u32,
-            older: older as u32,
+            older: new.older.map(|older| older as u32),
             older_from_robot: new.older_from_newer,
             correction: found.distance(path[step]),
             explained: found.explained,
             is_closed,
         });
         let bent = hypothesis.filter(|_| is_closed)?;
-        let closed = rebuild(&self.drive.keyframes, &bent.path, &self.config);
+        let closed = rebuild(&self.drive.earlier.clusters, &self.drive.keyframes, &bent.path, &self.config);
         self.ties = bent.ties;
         Some(closed)
     }
@@ -229,7 +230,7 @@ impl Loops {
     /// is thought to be.
     fn search(&mut self, window: Window, path: &[Pose], evaluator: &mut Failover) -> Option<Found> {
         let robot = path[window.last];
-        self.older.follow(&self.drive.keyframes[..window.older], &path[..window.older], &self.config);
+        self.older.follow(&self.drive, path, window.older, &self.config);
         let query = self.drive.query(window, path, &self.config)?;
         let is_found = |found: &Found| found.explained >= LEAST_EXPLAINED;
         let is_here = |found: &Found| is_near(found.world_from_robot, robot, SAME);
@@ -270,8 +271,8 @@ impl Loops {
     fn is_confirmed(&self, new: &Tie, path: &[Pose]) -> bool {
         self.pending.is_some_and(|pending| {
             let moved = path[new.newer].seen_from(path[pending.newer]);
-            let by_pending = path[pending.older] * pending.older_from_newer * moved;
-            is_near(path[new.older] * new.older_from_newer, by_pending, [2.0 * SAME[0], 2.0 * SAME[1]])
+            let by_pending = pending.world_from_newer(path) * moved;
+            is_near(new.world_from_newer(path), by_pending, [2.0 * SAME[0], 2.0 * SAME[1]])
         })
     }
 }

@@ -1,6 +1,6 @@
 //! Ties between the visits to a place: the scan of a step, matched to the walls that an earlier visit saw there.
 
-use super::bend::{MOTION, Tie};
+use super::bend::{MOTION, Tie, pose_of};
 use super::{Closer, Drive, Keyframe, match_closely, share_behind};
 use crate::evaluator::cholesky::{packed, unpacked};
 use crate::evaluator::cpu::Matched;
@@ -32,18 +32,25 @@ const LEAST_EXPLAINED: f64 = 0.5;
 /// Motions from step to step by which the walls of a visit may err: as many as `AROUND` has, about.
 const MOTIONS: f64 = 10.0;
 
-/// Ties of these steps to earlier visits. Those known that the path holds, sorted by their newer step, are taken over.
+/// Ties of these steps to earlier visits, and to the map of an earlier drive. Those known that the path holds, sorted by their newer
+/// step, are taken over.
 pub(super) fn revisits(drive: &Drive, path: &[Pose], steps: Range<usize>, known: &[Tie], config: &Closer) -> Vec<Tie> {
     let of_step = |step: usize| -> Vec<Tie> {
         let known = &known[known.partition_point(|tie| tie.newer < step)..];
         let known = &known[..known.partition_point(|tie| tie.newer == step)];
-        let of_visit = |older: usize| {
+        let of_visit = |older: Option<usize>| {
             let is_same = |tie: &&Tie| {
-                (drive.travelled[tie.older] - drive.travelled[older]).abs() < 0.5 * AROUND && tie.holds(path)
+                let is_one_visit = match (tie.older, older) {
+                    (Some(one), Some(other)) => (drive.travelled[one] - drive.travelled[other]).abs() < 0.5 * AROUND,
+                    (one, other) => one == other,
+                };
+                is_one_visit && tie.holds(path)
             };
             known.iter().find(is_same).copied().or_else(|| tie(drive, path, older, step, config))
         };
-        nearest(drive, path, step, config.loops.window).into_iter().filter_map(of_visit).collect()
+        let earlier = (!drive.earlier.clusters.is_empty()).then_some(None);
+        let visits = nearest(drive, path, step, config.loops.window).into_iter().map(Some);
+        visits.chain(earlier).filter_map(of_visit).collect()
     };
     steps.into_par_iter().flat_map_iter(of_step).collect()
 }
@@ -62,13 +69,22 @@ fn nearest(drive: &Drive, path: &[Pose], step: usize, apart: f64) -> Vec<usize> 
     visits
 }
 
-/// Matches the scan of a step to what was seen around an older one.
-fn tie(drive: &Drive, path: &[Pose], older: usize, newer: usize, config: &Closer) -> Option<Tie> {
+/// Matches the scan of a step to what was seen around an older one, or to the map of an earlier drive.
+fn tie(drive: &Drive, path: &[Pose], older: Option<usize>, newer: usize, config: &Closer) -> Option<Tie> {
     let tiles = &drive.keyframes[newer].tiles;
-    let expected = path[newer].seen_from(path[older]);
-    let walls = walls_around(drive, path, older, expected, f64::from(reach(tiles)) + OFF[0], config);
+    let expected = path[newer].seen_from(pose_of(older, path));
+    let reach = f64::from(reach(tiles)) + OFF[0];
+    let walls = match older {
+        Some(older) => walls_around(drive, path, older, expected, reach, config),
+        None => {
+            let is_near = |wall: &&Cluster| wall.may_be_within(reach, expected.position());
+            drive.earlier.clusters.iter().filter(is_near).copied().collect()
+        }
+    };
 
-    let (origin, log_outlier) = (Point2::origin(), config.likelihood.log_outlier());
+    // Numbers of 32 bits are relative to a place near the robot.
+    let origin = if older.is_some() { Point2::origin() } else { expected.position().map(f64::round) };
+    let log_outlier = config.likelihood.log_outlier();
     let row = |wall| ClusterParams::new(wall, origin, &config.likelihood, config.ablation.latent);
     let rows: Vec<ClusterParams> = walls.iter().map(row).collect();
     let [position, heading] = OFF.map(|sigma| sigma.powi(-2));
@@ -150,7 +166,8 @@ mod tests {
 
     /// Errors of ties (forward, sideways, heading) against the true path.
     fn off(tie: &Tie, truth: &[Pose]) -> Vector3<f64> {
-        let Pose { x, y, heading } = tie.older_from_newer.seen_from(truth[tie.newer].seen_from(truth[tie.older]));
+        let Pose { x, y, heading } =
+            tie.older_from_newer.seen_from(truth[tie.newer].seen_from(pose_of(tie.older, truth)));
         Vector3::new(x, y, heading)
     }
 
@@ -163,7 +180,7 @@ mod tests {
         let config = SlamConfig::default().closer();
         let steps = || (half..truth.len()).step_by(5);
         let of_step = |step: usize| revisits(drive, &path, step..step + 1, &[], &config);
-        (steps().flat_map(of_step).filter(|tie| tie.older < half).collect(), steps().count())
+        (steps().flat_map(of_step).filter(|tie| tie.older.is_some_and(|older| older < half)).collect(), steps().count())
     }
 
     /// The path has what comes later 20 cm and 3 degrees off: the ties have it where it is, within what they say of themselves.
@@ -217,7 +234,7 @@ mod tests {
             let ties = revisits(&drive, &path, 20..21, &[], &config);
             assert_eq!(!ties.is_empty(), is_tied, "{partition:?}: {ties:?}");
             for tie in ties {
-                let truth = robot.seen_from(path[tie.older]);
+                let truth = robot.seen_from(pose_of(tie.older, &path));
                 assert!(is_near(tie.older_from_newer, truth, [0.02, 0.005]), "{tie:?}");
             }
         }

@@ -15,7 +15,9 @@
 //! | [`CONFIDENCE`] | share of the weight around the pose, and share of the scan explained there | every step in a known map |
 //! | [`PARTICLE_COUNT`] | log₁₀ of the number of particles | every step in a known map |
 //! | [`SECONDS`] | seconds by stage, in the order of [`StageTimes::NAMES`] | every step |
-//! | [`ABOUT`] | TOML: program, version, log, device, configuration with its seed | at the start |
+//! | [`ABOUT`] | TOML: program, version, log, device, the earlier drive that is continued, configuration with its seed | at the start |
+//! | [`EARLIER_WALLS`] | mean x, y, direction x, y, variances along and across, number of points of each wall of an earlier drive | at the start |
+//! | [`EARLIER_FREE`] | its free area: side of a cell, x, y, heading of the raster; then of each row its number and its runs, start and end | at the start |
 //! | [`LASER`] | x, y, heading and stamp of odometry, mounting x, y, heading, angle of the first beam and from one to the next, maximum range, motion during the sweep x, y, heading, all ranges | every reading |
 //! | [`ODOMETRY_READING`], [`TRUTH`] | x, y, heading, stamp | every reading |
 //! | [`POSE`] | x, y and heading of the best particle, as f64 | every step |
@@ -54,6 +56,10 @@ pub const ENTRY_TIMELINE: &str = "entry";
 
 /// What the run was started with.
 pub const ABOUT: &str = "run/about";
+/// Walls of the earlier drive whose map is continued.
+pub const EARLIER_WALLS: &str = "run/earlier/walls";
+/// Free area of that map.
+pub const EARLIER_FREE: &str = "run/earlier/free";
 /// Laser readings, as they came.
 pub const LASER: &str = "run/log/laser";
 /// Odometry, as it came.

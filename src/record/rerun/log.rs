@@ -1,10 +1,10 @@
 //! Entries of the log, steps and results as entities of a recording.
 
-use super::{Level, blueprint};
+use super::{Level, blueprint, earlier};
 use crate::config::Config;
 use crate::geometry::{Pose, StampedPose};
 use crate::log::{LaserReading, LogEntry};
-use crate::pipeline::RunInfo;
+use crate::pipeline::{Continued, RunInfo};
 use crate::ppca::Cluster;
 use crate::report::{Confidence, ReportedParticle, RunResult, StepReport};
 use ::rerun::archetypes::Clear;
@@ -40,8 +40,19 @@ pub(super) struct About {
     pub log: String,
     /// What evaluated the particles.
     pub device: String,
+    /// The earlier drive that was continued.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub continues: Option<AboutContinued>,
     /// Everything that was set.
     pub configuration: Config,
+}
+
+/// [`Continued`] but for its map.
+#[derive(Serialize, Deserialize)]
+pub(super) struct AboutContinued {
+    pub name: String,
+    pub first_scan: usize,
+    pub world_from_robot: Pose,
 }
 
 /// State from step to step.
@@ -75,11 +86,17 @@ impl Recorder {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             log: info.log.clone(),
             device: info.device.clone(),
+            continues: info.continues.as_ref().map(|Continued { name, first_scan, world_from_robot, .. }| {
+                AboutContinued { name: name.clone(), first_scan: *first_scan, world_from_robot: *world_from_robot }
+            }),
             configuration: info.config,
         };
         // A configuration that was found valid can be written.
         let text = toml::to_string(&about).unwrap_or_default();
         stream.log_static(blueprint::under(root, blueprint::ABOUT), &TextDocument::new(text))?;
+        if let Some(Continued { map, .. }) = &info.continues {
+            earlier::send(map, &stream, root)?;
+        }
         let trail = |path, log_style| Trail::new(blueprint::under(root, path), log_style);
         Ok(Self {
             trajectory: trail(blueprint::TRAIL, blueprint::log_trajectory_style),

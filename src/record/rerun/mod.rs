@@ -20,6 +20,7 @@ use std::time::Duration;
 
 pub mod blueprint;
 mod chunks;
+mod earlier;
 mod entries;
 mod frames;
 mod log;

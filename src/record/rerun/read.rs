@@ -6,12 +6,14 @@
 use super::blueprint;
 use super::chunks::Chunks;
 pub use super::chunks::ReadError;
+use super::earlier;
 use super::entries::{Entries, RecordedReader};
-use super::log::About;
+use super::log::{About, AboutContinued};
 use super::rows::{Numbers, exactly, positions, text};
 use crate::geometry::Pose;
 use crate::log::{LogError, LogReader, LogSource, LogStats};
-use crate::pipeline::RunInfo;
+use crate::map::LineMap;
+use crate::pipeline::{Continued, RunInfo};
 use crate::report::{StageTimes, StepReport};
 use ::rerun::RecordingStream;
 use nalgebra::Point2;
@@ -99,7 +101,7 @@ impl Store {
             }
         }
         let about = about.ok_or_else(|| not("it does not hold the configuration of the run"))?;
-        let About { version, log, device, configuration: config } =
+        let About { version, log, device, continues, configuration: config } =
             toml::from_str(&about).map_err(|error| not(&format!("its configuration is not understood: {error}")))?;
         let unusable = |source| ReadError::Configuration {
             path: path.to_owned(),
@@ -107,7 +109,14 @@ impl Store {
             source: Box::new(source),
         };
         config.validate().map_err(unusable)?;
-        Ok(Self { path: path.to_owned(), version, info: RunInfo { log, device, config } })
+        // Its map is behind in the file.
+        let continues = continues.map(|AboutContinued { name, first_scan, world_from_robot }| Continued {
+            name,
+            map: LineMap::default(),
+            first_scan,
+            world_from_robot,
+        });
+        Ok(Self { path: path.to_owned(), version, info: RunInfo { log, device, config, continues } })
     }
 
     /// Name of the file, without its ending.
@@ -150,7 +159,7 @@ impl RecordedRun {
     ///
     /// # Errors
     /// It cannot be read, or is damaged.
-    pub fn new(store: Store) -> Result<Self, ReadError> {
+    pub fn new(mut store: Store) -> Result<Self, ReadError> {
         let mut trajectory = None;
         let (mut entries, mut numbers) = (Entries::default(), Numbers::new(&NUMBERS));
         let mut places = Vec::new();
@@ -162,6 +171,11 @@ impl RecordedRun {
             while entries.pop().is_some() {}
             numbers.add(&chunk);
             trajectory = trajectory.or_else(|| positions(&chunk, blueprint::TRAJECTORY));
+        }
+        if store.info.continues.is_some() {
+            let map =
+                earlier::map(&numbers).ok_or_else(|| store.not("the map of the earlier drive in it is damaged"))?;
+            store.info.continues.iter_mut().for_each(|continued| continued.map = map.clone());
         }
         Ok(Self {
             store,
@@ -193,8 +207,10 @@ impl LogSource for RecordedRun {
     }
 }
 
-/// The numbers that are recorded of each step of a run.
-const NUMBERS: [(&str, &str); 6] = [
+/// The numbers that are recorded of an earlier drive and of each step of a run.
+const NUMBERS: [(&str, &str); 8] = [
+    (blueprint::EARLIER_WALLS, blueprint::ENTRY_TIMELINE),
+    (blueprint::EARLIER_FREE, blueprint::ENTRY_TIMELINE),
     (blueprint::POSE, blueprint::STEP_TIMELINE),
     (blueprint::CHECKSUM, blueprint::STEP_TIMELINE),
     (blueprint::EFFECTIVE_SAMPLE_SIZE, blueprint::STEP_TIMELINE),

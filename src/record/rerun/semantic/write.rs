@@ -125,6 +125,7 @@ impl Writer<'_> {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             log: name.to_owned(),
             device: "CPU".to_owned(),
+            continues: None,
             configuration: Config::Semantic(config),
         };
         // What was mapped is valid, and can be written.
