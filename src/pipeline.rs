@@ -51,6 +51,7 @@ pub struct Run<'a> {
 }
 
 /// The result of a run, with its statistics.
+#[non_exhaustive]
 pub struct Outcome {
     /// Smoothed if [`Run::smoothing`] is set and the run was not interrupted.
     pub result: RunResult,
@@ -76,6 +77,7 @@ pub struct Outcome {
 
 /// Why a run ended.
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum End {
     /// The log is over.
     Log,
@@ -88,6 +90,7 @@ pub enum End {
 }
 
 /// Progress of a run.
+#[non_exhaustive]
 pub enum Progress<'a> {
     /// The estimator has taken in another entry.
     Entry {

@@ -16,6 +16,7 @@ use web_time::Instant;
 
 /// One thing after the other in a run.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum Event<'a> {
     /// The next entry of the log, before anything that follows from it.
     Entry(&'a LogEntry),
@@ -193,6 +194,7 @@ impl StepReport<'_> {
 
 /// A loop: a place that the robot returned to.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Loop {
     /// Stamp of the step that came back \[s\].
     pub stamp: f64,

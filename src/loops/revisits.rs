@@ -171,8 +171,8 @@ mod tests {
         Vector3::new(x, y, heading)
     }
 
-    /// Ties of every fifth step of the second half to the first half, where the path has the second half as `moved` says, and how
-    /// many steps were asked.
+    /// Ties of every fifth step of the second half to the first half and to an earlier drive, where the path has the second half as
+    /// `moved` says, and how many steps were asked.
     fn halves(drive: &Drive, truth: &[Pose], moved: impl Fn(Pose) -> Pose) -> (Vec<Tie>, usize) {
         let half = truth.len() / 2;
         let path: Vec<Pose> =
@@ -180,28 +180,45 @@ mod tests {
         let config = SlamConfig::default().closer();
         let steps = || (half..truth.len()).step_by(5);
         let of_step = |step: usize| revisits(drive, &path, step..step + 1, &[], &config);
-        (steps().flat_map(of_step).filter(|tie| tie.older.is_some_and(|older| older < half)).collect(), steps().count())
+        let is_asked = |tie: &Tie| tie.older.is_none_or(|older| older < half);
+        (steps().flat_map(of_step).filter(is_asked).collect(), steps().count())
     }
 
     /// The path has what comes later 20 cm and 3 degrees off: the ties have it where it is, within what they say of themselves.
-    #[test]
-    fn visits_are_tied_as_they_truly_were() {
-        let (drive, truth) = building();
-        let (ties, steps) = halves(&drive, &truth, |pose| pose * Pose::new(0.12, -0.16, 0.05));
+    fn assert_right(drive: &Drive, truth: &[Pose], of_earlier: bool, enough: usize) {
+        let (mut ties, steps) = halves(drive, truth, |pose| pose * Pose::new(0.12, -0.16, 0.05));
+        ties.retain(|tie| tie.older.is_none() == of_earlier);
         let right = ties.iter().filter(|tie| {
-            let off = off(tie, &truth);
+            let off = off(tie, truth);
             off.xy().norm() < 0.05 && off.z.abs() < 0.01
         });
         // 99 % of the χ² distribution of three degrees of freedom.
         let within = ties.iter().filter(|tie| {
-            let off = off(tie, &truth);
+            let off = off(tie, truth);
             tie.covariance.try_inverse().is_some_and(|information| off.dot(&(information * off)) < 11.345)
         });
         let (right, within) = (right.count(), within.count());
         println!("seed {SEED}: {steps} steps, {} ties, {right} right, {within} within their covariance", ties.len());
         // Along a corridor a tie knows little, and one of ten may be wrong.
         let least = |count: usize, share: f64| count as f64 >= share * ties.len() as f64;
-        assert!(ties.len() > 50 && least(right, 0.65) && least(within, 0.8), "seed {SEED}: {ties:?}");
+        assert!(ties.len() > enough && least(right, 0.65) && least(within, 0.8), "seed {SEED}: {ties:?}");
+    }
+
+    #[test]
+    fn visits_are_tied_as_they_truly_were() {
+        let (drive, truth) = building();
+        assert_right(&drive, &truth, false, 50);
+    }
+
+    /// The map of the earlier drive: what the first half saw, in the world.
+    #[test]
+    fn scans_are_tied_to_the_map_of_an_earlier_drive() {
+        let (mut drive, truth) = building();
+        for (keyframe, &pose) in drive.keyframes.iter().zip(&truth).take(truth.len() / 2) {
+            let walls = keyframe.clusters.iter().filter(|wall| wall.count >= 20.0);
+            drive.earlier.clusters.extend(walls.map(|wall| wall.transformed(pose)));
+        }
+        assert_right(&drive, &truth, true, 20);
     }
 
     /// A hall of 12 by 4 m, driven along; then its walls seen again, from a metre off the path. A wall between the two in the

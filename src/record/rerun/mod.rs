@@ -37,6 +37,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 
 /// How much a recording holds of each step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Level {
     /// What repeats the run and shows it: a sample of the particles, the scan's points, the best map.
     #[default]
