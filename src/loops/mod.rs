@@ -206,7 +206,7 @@ impl Loops {
         // Without an earlier drive every place is one of this drive.
         let near = if self.drive.earlier.clusters.is_empty() { f64::INFINITY } else { BACK };
         let new = Tie::new(found.world_from_robot, path, window, near);
-        let hypothesis = self.bend(path, &new);
+        let hypothesis = self.bend(path, &new, window);
         let is_closed = hypothesis.as_ref().is_some_and(|bent| bent.is_likely || self.is_confirmed(&new, path));
         self.pending = (!is_closed).then_some(new);
         let step = new.newer;
@@ -244,23 +244,26 @@ impl Loops {
     }
 
     /// The path that closes this loop, and what speaks for it; `None` where it is beyond all reason.
-    fn bend(&self, path: &[Pose], new: &Tie) -> Option<Hypothesis> {
+    fn bend(&self, path: &[Pose], new: &Tie, window: Window) -> Option<Hypothesis> {
+        // Where in the earlier map the window is, is the question: what its scans were matched to there does not count.
+        let is_known = |tie: &&Tie| tie.older.is_some() || tie.newer < window.first;
+        let known: Vec<Tie> = self.ties.iter().filter(is_known).copied().collect();
         // As if no match had failed, first: where the drift explains the loop, nothing else is in doubt.
         for doubt in [Doubt::None, Doubt::OfMatches] {
             let chain = Chain::new(&self.drive.keyframes, path, doubt);
-            let before = chain.bent(path, &self.ties, None)?;
-            let Bent { mut path, cost } = chain.bent(path, &self.ties, Some(new))?;
+            let before = chain.bent(path, &known, None)?;
+            let Bent { mut path, cost } = chain.bent(path, &known, Some(new))?;
             let cost = cost - before.cost;
             if cost > doubt.most() {
                 continue;
             }
-            let mut ties = self.ties.clone();
+            let mut ties = known.clone();
             for _ in 0..PASSES {
                 ties = revisits(&self.drive, &path, 0..path.len(), &ties, &self.config);
                 Bent { path, .. } = chain.bent(&path, &ties, Some(new))?;
             }
             let held = |ties: &[Tie], path: &[Pose]| ties.iter().filter(|tie| tie.holds(path)).count();
-            let agrees_better = held(&ties, &path) > held(&self.ties, &before.path);
+            let agrees_better = held(&ties, &path) > held(&known, &before.path);
             let is_likely = doubt == Doubt::None || cost <= DRIFT || agrees_better;
             return Some(Hypothesis { path, ties, is_likely });
         }

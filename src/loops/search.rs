@@ -117,9 +117,10 @@ impl OlderMap {
             self.map = OneMap::new(&drive.earlier.clusters, config, CAPTURE_SIGMA);
             self.path.clear();
         }
-        for step in self.path.len()..older {
-            self.map.merge(step as u32, path[step], &drive.keyframes[step].clusters, config);
-            self.path.push(path[step]);
+        let steps = drive.keyframes.iter().zip(path).enumerate();
+        for (step, (keyframe, &pose)) in steps.take(older).skip(self.path.len()) {
+            self.map.merge(step as u32, pose, &keyframe.clusters, config);
+            self.path.push(pose);
         }
     }
 

@@ -32,6 +32,7 @@ pub(super) fn send(map: &LineMap, stream: &RecordingStream, root: &str) -> Recor
 pub(super) fn map(numbers: &Numbers) -> Option<LineMap> {
     let wall = |(_, row): (i64, &[f64])| {
         let &[x, y, direction_x, direction_y, along_variance, across_variance, count] = row.as_array()?;
+        row.iter().all(|number| number.is_finite()).then_some(())?;
         let (mean, direction) = (Point2::new(x, y), Vector2::new(direction_x, direction_y));
         Some(Cluster { mean, direction, along_variance, across_variance, count })
     };
