@@ -1,8 +1,7 @@
 //! The map of an earlier drive in the recording of a run that continues it, to the last bit.
 
 use super::blueprint;
-use super::log::Rows;
-use super::rows::{Numbers, exactly};
+use super::rows::{Numbers, Rows, exactly};
 use crate::geometry::Pose;
 use crate::grid::FreeArea;
 use crate::map::LineMap;

@@ -1,5 +1,6 @@
 //! Entries of the log, steps and results as entities of a recording.
 
+use super::rows::Rows;
 use super::{Level, blueprint, earlier};
 use crate::config::Config;
 use crate::geometry::{Pose, StampedPose};
@@ -8,9 +9,7 @@ use crate::pipeline::{Continued, RunInfo};
 use crate::ppca::Cluster;
 use crate::report::{Confidence, ReportedParticle, RunResult, StepReport};
 use ::rerun::archetypes::Clear;
-use ::rerun::{
-    Arrows2D, LineStrips2D, Points2D, RecordingStream, RecordingStreamResult, Scalars, TextDocument, TimeColumn,
-};
+use ::rerun::{Arrows2D, LineStrips2D, Points2D, RecordingStream, RecordingStreamResult, Scalars, TextDocument};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -249,14 +248,6 @@ struct Entries {
     sent: Instant,
 }
 
-/// Rows of numbers, of any length each.
-#[derive(Default)]
-pub(super) struct Rows {
-    numbers: Vec<f64>,
-    lengths: Vec<usize>,
-    entries: Vec<i64>,
-}
-
 impl Entries {
     fn new() -> Self {
         let [laser, odometry, truth] = Default::default();
@@ -295,24 +286,6 @@ impl Entries {
         self.laser.send(stream, &blueprint::under(root, blueprint::LASER))?;
         self.odometry.send(stream, &blueprint::under(root, blueprint::ODOMETRY_READING))?;
         self.truth.send(stream, &blueprint::under(root, blueprint::TRUTH))
-    }
-}
-
-impl Rows {
-    pub(super) fn push(&mut self, entry: i64, numbers: impl IntoIterator<Item = f64>) {
-        let before = self.numbers.len();
-        self.numbers.extend(numbers);
-        self.lengths.push(self.numbers.len() - before);
-        self.entries.push(entry);
-    }
-
-    pub(super) fn send(&mut self, stream: &RecordingStream, path: &str) -> RecordingStreamResult<()> {
-        let Self { numbers, lengths, entries } = std::mem::take(self);
-        if entries.is_empty() {
-            return Ok(());
-        }
-        let columns = Scalars::new(numbers).columns(lengths)?;
-        stream.send_columns(path, [TimeColumn::new_sequence(blueprint::ENTRY_TIMELINE, entries)], columns)
     }
 }
 

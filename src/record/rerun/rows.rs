@@ -1,11 +1,38 @@
-//! What a chunk holds: texts, lines, and rows of numbers by their times.
+//! Rows of numbers by their times, sent and read back; and the texts and lines that a chunk holds.
 
+use super::blueprint;
 use crate::geometry::Pose;
 use ::rerun::components::{LineStrip2D, Scalar, Text};
 use ::rerun::log::Chunk;
-use ::rerun::{LineStrips2D, Scalars, TextDocument, TimelineName};
+use ::rerun::{LineStrips2D, RecordingStream, RecordingStreamResult, Scalars, TextDocument, TimeColumn, TimelineName};
 use nalgebra::Point2;
 use std::collections::BTreeMap;
+
+/// Rows of numbers to send, of any length each.
+#[derive(Default)]
+pub(super) struct Rows {
+    numbers: Vec<f64>,
+    lengths: Vec<usize>,
+    entries: Vec<i64>,
+}
+
+impl Rows {
+    pub(super) fn push(&mut self, entry: i64, numbers: impl IntoIterator<Item = f64>) {
+        let before = self.numbers.len();
+        self.numbers.extend(numbers);
+        self.lengths.push(self.numbers.len() - before);
+        self.entries.push(entry);
+    }
+
+    pub(super) fn send(&mut self, stream: &RecordingStream, path: &str) -> RecordingStreamResult<()> {
+        let Self { numbers, lengths, entries } = std::mem::take(self);
+        if entries.is_empty() {
+            return Ok(());
+        }
+        let columns = Scalars::new(numbers).columns(lengths)?;
+        stream.send_columns(path, [TimeColumn::new_sequence(blueprint::ENTRY_TIMELINE, entries)], columns)
+    }
+}
 
 /// The text that a chunk holds, if it is of this path.
 pub(super) fn text(chunk: &Chunk, path: &str) -> Option<String> {
@@ -35,7 +62,7 @@ pub(super) fn rows(chunk: &Chunk, timeline: &'static str) -> Vec<(i64, Vec<f64>)
     times.zip(numbers).map(|((time, _), numbers)| (time.as_i64(), row(numbers.as_slice()))).collect()
 }
 
-/// Rows of numbers, by path and then by time.
+/// Rows of numbers that were read, by path and then by time.
 pub(super) struct Numbers {
     /// Paths to keep, each with the timeline of its rows.
     paths: &'static [(&'static str, &'static str)],

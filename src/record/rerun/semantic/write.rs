@@ -1,6 +1,7 @@
 //! Writes the recording of a mapping.
 
-use super::super::log::{About, Rows, arrow, position};
+use super::super::log::{About, arrow, position};
+use super::super::rows::Rows;
 use super::super::{Begun, FULL_DISK, RecordError, blueprint as shared, check, file};
 use super::blueprint;
 use super::read::RecordedMapping;
