@@ -56,7 +56,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// Seconds of a whole run, with the recording written out.
 fn run(source: &dyn LogSource, level: Option<Level>, file: &Path) -> Result<f64, Box<dyn std::error::Error>> {
     let config = SlamConfig::default();
-    let info = RunInfo { log: source.name(), device: "CPU".to_owned(), config: Config::Slam(config) };
+    let info = RunInfo { log: source.name(), device: "CPU".to_owned(), config: Config::Slam(config), continues: None };
     let began = Instant::now();
     let observer = level.map(|level| RerunObserver::to_file(file, &info, level)).transpose()?;
     let mut observers: Vec<Box<dyn Observer>> =

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 /// The task of a run with its configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Config {
     /// Mapping walls.
     Slam(SlamConfig),

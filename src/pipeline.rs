@@ -2,8 +2,9 @@
 //! observers, and the result is smoothed.
 
 use crate::config::Config;
-use crate::geometry::StampedPose;
+use crate::geometry::{Pose, StampedPose};
 use crate::log::{LogEntry, LogError, LogSource, LogStats};
+use crate::map::LineMap;
 use crate::report::{Estimator, Event, Observer, RunResult, StageTimes, StepReport};
 use crate::slam::{Slam, SlamConfig};
 use crate::smoothing::Smoother;
@@ -18,6 +19,22 @@ pub struct RunInfo {
     pub device: String,
     /// The configuration, which also names the task.
     pub config: Config,
+    /// The earlier drive whose map is continued, if one is.
+    pub continues: Option<Continued>,
+}
+
+/// The map of an earlier drive, and where a drive begins in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Continued {
+    /// Name of the map.
+    pub name: String,
+    /// The map, in the world's frame.
+    pub map: LineMap,
+    /// The first scan that is mapped: its number among the readings, as [`readings`](crate::log::readings) counts them. The scans
+    /// before it are used as odometry only.
+    pub first_scan: usize,
+    /// Pose of the robot there.
+    pub world_from_robot: Pose,
 }
 
 /// A run: the part of a log that the estimator gets, and the smoothing after it.
@@ -34,6 +51,7 @@ pub struct Run<'a> {
 }
 
 /// The result of a run, with its statistics.
+#[non_exhaustive]
 pub struct Outcome {
     /// Smoothed if [`Run::smoothing`] is set and the run was not interrupted.
     pub result: RunResult,
@@ -59,6 +77,7 @@ pub struct Outcome {
 
 /// Why a run ended.
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum End {
     /// The log is over.
     Log,
@@ -71,6 +90,7 @@ pub enum End {
 }
 
 /// Progress of a run.
+#[non_exhaustive]
 pub enum Progress<'a> {
     /// The estimator has taken in another entry.
     Entry {

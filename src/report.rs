@@ -16,6 +16,7 @@ use web_time::Instant;
 
 /// One thing after the other in a run.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum Event<'a> {
     /// The next entry of the log, before anything that follows from it.
     Entry(&'a LogEntry),
@@ -193,16 +194,17 @@ impl StepReport<'_> {
 
 /// A loop: a place that the robot returned to.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Loop {
     /// Stamp of the step that came back \[s\].
     pub stamp: f64,
-    /// Stamp of the step that had been there before \[s\].
-    pub older_stamp: f64,
+    /// Stamp of the step that had been there before \[s\]; `None` for a place in the map of an earlier drive.
+    pub older_stamp: Option<f64>,
     /// The step that came back.
     pub step: u32,
-    /// The step that had been there before.
-    pub older: u32,
-    /// The robot at `step`, seen from where it was at `older`.
+    /// The step that had been there before; `None` for a place in the map of an earlier drive.
+    pub older: Option<u32>,
+    /// The robot at `step`, seen from where it was at `older`, or in the world.
     pub older_from_robot: Pose,
     /// Distance of the pose before the correction from there \[m\].
     pub correction: f64,
@@ -262,9 +264,18 @@ impl RunResult {
             covariance: estimate.covariance.map(|covariance| rotation * covariance * rotation.transpose()),
             ..*estimate
         };
+        let turned_loop = |found: &Loop| Loop {
+            older_from_robot: if found.older.is_none() {
+                turn * found.older_from_robot
+            } else {
+                found.older_from_robot
+            },
+            ..*found
+        };
         Self {
             map: LineMap { clusters: turned(&self.map.clusters), free: None },
             poses: self.poses.iter().map(estimate).collect(),
+            loops: self.loops.iter().map(turned_loop).collect(),
             earlier: turned(&self.earlier),
             ..self.clone()
         }

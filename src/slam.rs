@@ -133,25 +133,21 @@ impl Slam {
             covariances: vec![Matrix3::zeros()],
             steps: 0,
             tracker: Tracker::new(config.motion, config.tracking),
-            loops: Loops::new(config.closer()),
+            loops: Loops::new(config.closer(), LineMap::default()),
             earlier: Vec::new(),
             times: StageTimes::default(),
             config,
         }
     }
 
-    /// The filter before its first reading, in the map of an earlier drive, where its first scan was taken at this pose. Loops are
-    /// not searched for: the earlier map says more of the path than the motions that a pose graph would bend.
-    pub fn continuing(mut self, earlier: &[Cluster], world_from_robot: Pose) -> Self {
-        let sightings = self.config.merging.min_sightings;
-        let known = |&cluster: &Cluster| self.pool.insert(MapCluster { cluster, last_step: 0, sightings });
-        let slots = earlier.iter().map(known).collect();
+    /// The filter before its first reading, in the map of an earlier drive, where its first scan was taken at this pose.
+    pub fn continuing(mut self, earlier: &LineMap, world_from_robot: Pose) -> Self {
+        let map = Map::known(&earlier.clusters, &mut self.pool, &self.config.merging);
         let path = self.ancestry.extend(None, world_from_robot);
-        let start = Hypothesis { map: Map { slots }, world_from_robot, log_weight: 0.0, score: 0.0, path };
-        self.hypotheses.fill(start);
+        self.hypotheses.fill(Hypothesis { map, world_from_robot, log_weight: 0.0, score: 0.0, path });
         self.table.update(&mut self.pool, world_from_robot);
-        self.loops = Loops::new(self.config.closer().without_search());
-        self.earlier = earlier.to_vec();
+        self.loops = Loops::new(self.config.closer(), earlier.clone());
+        self.earlier = earlier.clusters.clone();
         self
     }
 
@@ -257,7 +253,7 @@ impl Slam {
         let best = self.ancestry.path(self.hypotheses[self.best].path);
         let Some(Closed { path, map }) = self.loops.close(&best[1..], &mut self.evaluator) else { return };
         let Some(&world_from_robot) = path.last() else { return };
-        let start = self.ancestry.extend(None, Pose::IDENTITY);
+        let start = self.ancestry.extend(None, best[0]);
         let end = path.iter().fold(start, |end, &pose| self.ancestry.extend(Some(end), pose));
         let map = Map { slots: map.into_iter().map(|cluster| self.pool.insert(cluster)).collect() };
         let score = self.hypotheses[self.best].score;

@@ -43,6 +43,7 @@ use serde::{Deserialize, Serialize};
 /// How detections are given to landmarks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Policy {
     /// By their probability over all one-to-one assignments. A block of the frame, whose detections compete for
     /// landmarks, is summed exactly where it has at most ten detections or at most ten landmarks, or eleven with at most 23

@@ -27,9 +27,9 @@ pub struct BackendArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Backend {
-    /// A GPU where there is one, for steps with 1024 particles or more; else the CPU
+    /// A GPU, if available, for steps with 1024 particles or more; else the CPU
     Auto,
-    /// A GPU for every step; an error where there is none
+    /// A GPU for every step; an error if none is available
     Gpu,
     /// The CPU
     Cpu,
@@ -50,7 +50,7 @@ impl Chosen {
 
 #[cfg(not(feature = "gpu"))]
 impl BackendArgs {
-    /// The evaluator that was asked for.
+    /// The chosen evaluator.
     pub fn choose(&self) -> anyhow::Result<Chosen> {
         let without = "this program was built without the feature gpu";
         anyhow::ensure!(self.backend != Backend::Gpu && self.adapter.is_none(), "no GPU: {without}");
@@ -60,7 +60,7 @@ impl BackendArgs {
 
 #[cfg(feature = "gpu")]
 impl BackendArgs {
-    /// The evaluator that was asked for.
+    /// The chosen evaluator.
     pub fn choose(&self) -> anyhow::Result<Chosen> {
         use ipslam::gpu::device::find;
         match self.backend {
@@ -99,19 +99,19 @@ fn by_size((device, name): (GpuEvaluator, String)) -> Chosen {
     Chosen { evaluator: Some(Box::new(BySize::new(device))), name }
 }
 
-/// Whether there is a GPU worth opening, asked of another process: a driver may crash where it is only listed, and complains
-/// on stderr of what is none of the user's business.
+/// Whether a usable GPU exists, found out in a child process: a driver may crash when its devices are merely listed, and may print
+/// its own messages to stderr.
 #[cfg(feature = "gpu")]
 fn probe() -> Result<(), String> {
     const PATIENCE: Duration = Duration::from_secs(20);
-    let program = std::env::current_exe().map_err(|error| format!("the graphics driver cannot be asked: {error}"))?;
+    let program = std::env::current_exe().map_err(|error| format!("the graphics driver cannot be queried: {error}"))?;
     let mut child = Command::new(program)
         .args(["devices", "--probe"])
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
-        .map_err(|error| format!("the graphics driver cannot be asked: {error}"))?;
+        .map_err(|error| format!("the graphics driver cannot be queried: {error}"))?;
     let began = Instant::now();
     while let Ok(None) = child.try_wait() {
         if began.elapsed() > PATIENCE {
@@ -121,7 +121,7 @@ fn probe() -> Result<(), String> {
         }
         std::thread::sleep(Duration::from_millis(5));
     }
-    let output = child.wait_with_output().map_err(|error| format!("the graphics driver cannot be asked: {error}"))?;
+    let output = child.wait_with_output().map_err(|error| format!("the graphics driver cannot be queried: {error}"))?;
     match String::from_utf8_lossy(&output.stdout).trim() {
         USABLE if output.status.success() => Ok(()),
         reason if output.status.success() => Err(reason.to_owned()),
@@ -129,7 +129,7 @@ fn probe() -> Result<(), String> {
     }
 }
 
-/// What the other process says where there is a GPU.
+/// What the other process prints if there is a GPU.
 #[cfg(feature = "gpu")]
 const USABLE: &str = "usable";
 

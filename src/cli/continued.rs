@@ -1,7 +1,7 @@
 //! `ipslam run --continue`: the map of an earlier run, and where in it a drive begins.
 
 use super::convert::read_grid;
-use super::localize::{known_map, pose};
+use super::known_map::{known_map, pose};
 use super::say::say;
 use anyhow::Context as _;
 use ipslam::config::{LocalizationConfig, SlamConfig};
@@ -9,30 +9,28 @@ use ipslam::geometry::Pose;
 use ipslam::grid::{OccupancyGrid, drawn};
 use ipslam::localization::{Beginning, InitialPose, find_beginning};
 use ipslam::log::{LogEntry, LogError, LogReader, LogSource, LogStats};
-use ipslam::map::LineMap;
+use ipslam::pipeline::Continued;
 use std::path::PathBuf;
 
 /// Which map a run goes on with.
 #[derive(Clone, Debug, clap::Args)]
 pub struct ContinueArgs {
     /// Go on with the map of an earlier run, its folder or map.json: the robot is found in it first, then both drives are one map
-    #[arg(long = "continue", value_name = "RUN", conflicts_with = "record")]
+    #[arg(long = "continue", value_name = "RUN")]
     earlier: Option<PathBuf>,
     /// Where the robot is at its first scan, about, in the frame of that map; without it, it may be anywhere
     #[arg(long, value_name = "X,Y,HEADING", allow_hyphen_values = true, value_parser = pose, requires = "earlier")]
     start: Option<Pose>,
 }
 
-/// How well `--start` tells where the robot is \[m, rad\], as for `localize`.
+/// Standard deviations of `--start` \[m, rad\], as for `localize`.
 const START: [f64; 2] = [0.5, 0.26];
 
-/// What an earlier drive left, and where the new one begins in it.
+/// An earlier drive, and where the new one begins in it.
 pub struct Earlier {
-    pub path: PathBuf,
-    pub map: LineMap,
-    /// Of its grid, as far as that is there, in cells of this side.
-    grid: OccupancyGrid,
-    pub beginning: Beginning,
+    pub continued: Continued,
+    /// Its grid if there is one, else one drawn from its map.
+    pub grid: OccupancyGrid,
 }
 
 impl From<PathBuf> for ContinueArgs {
@@ -60,16 +58,10 @@ impl ContinueArgs {
             self.start.map(|world_from_robot| InitialPose { world_from_robot, position_sigma, heading_sigma });
         let SlamConfig { seed, scan, motion, tracking, .. } = *config;
         let localization = LocalizationConfig { seed, scan, motion, tracking, ..LocalizationConfig::default() };
-        let beginning = find_beginning(&map, source, initial, &localization)
+        let Beginning { reading: first_scan, world_from_robot } = find_beginning(&map, source, initial, &localization)
             .with_context(|| format!("{}: {} cannot be continued in it", path.display(), source.name()))?;
-        Ok(Some(Earlier { path, map, grid, beginning }))
-    }
-}
-
-impl Earlier {
-    /// A grid, and where it knows nothing what the earlier one knew.
-    pub fn behind(&self, grid: &OccupancyGrid) -> anyhow::Result<OccupancyGrid> {
-        Ok(grid.over(&self.grid)?)
+        let name = path.display().to_string();
+        Ok(Some(Earlier { continued: Continued { name, map, first_scan, world_from_robot }, grid }))
     }
 }
 

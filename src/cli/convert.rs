@@ -3,6 +3,7 @@
 use super::UsageError;
 use super::dataset::{DatasetArgs, convert_imu_tracks};
 use super::interrupt;
+use super::log::{is_standard_input, open_standard_input};
 use super::say::say;
 use anyhow::{anyhow, bail};
 use flate2::{Compression, write::GzEncoder};
@@ -20,7 +21,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 const POSSIBLE: &str = "Formats, by the endings of the names:
-  logs   in: CARMEN, plain or gzip; out: .clf, .log, .clf.gz, .log.gz (CARMEN)
+  logs   in: CARMEN, plain or gzip, ROS bags; - for standard input (CARMEN, MCAP); out: .clf, .log, .clf.gz, .log.gz (CARMEN)
   maps   in: .json (map.json), .yaml (grid of ROS's map_server, with its PGM or PNG),
              .png (grid, with its YAML file beside it);
          out: .json, .yaml (and .pgm), .png (and .yaml), .geojson (walls), .svg (picture)
@@ -36,7 +37,7 @@ or of a camera with an inertial sensor: imu_tracks.csv of GTSAM (EuRoC)";
 #[derive(Debug, clap::Args)]
 #[command(after_help = POSSIBLE)]
 pub struct ConvertArgs {
-    /// Log, map, trajectory or folder of a set to read
+    /// Log, map, trajectory or folder of a set to read; - for a CARMEN log or MCAP from standard input
     input: PathBuf,
     /// File to write, whose ending names the format; of a set, the folder to make
     output: PathBuf,
@@ -107,12 +108,12 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
         )));
     }
     let format = Format::of(output).ok_or_else(|| {
-        UsageError(format!("{}: the ending of this name tells no format\n{POSSIBLE}", output.display()))
+        UsageError(format!("{}: the ending of this name is that of no known format\n{POSSIBLE}", output.display()))
     })?;
     let map = match Format::of(input) {
         Some(Format::Json) => Map::Clusters(map_json::read_map(input)?),
-        Some(Format::MapServer) => Map::Grid(told(map_server::read(input)?)),
-        Some(Format::Png) => Map::Grid(told(map_server::read_picture(input)?)),
+        Some(Format::MapServer) => Map::Grid(warned(map_server::read(input)?)),
+        Some(Format::Png) => Map::Grid(warned(map_server::read_picture(input)?)),
         Some(Format::Trajectory(from)) => {
             let Format::Trajectory(to) = format else {
                 bail!(UsageError(format!("{}: a trajectory makes another one only\n{POSSIBLE}", input.display())))
@@ -154,10 +155,10 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
 
 /// Reads a grid, and says what is odd about it.
 pub fn read_grid(path: &Path) -> anyhow::Result<OccupancyGrid> {
-    Ok(told(map_server::read(path)?))
+    Ok(warned(map_server::read(path)?))
 }
 
-fn told(ReadGrid { grid, warnings }: ReadGrid) -> OccupancyGrid {
+fn warned(ReadGrid { grid, warnings }: ReadGrid) -> OccupancyGrid {
     warnings.iter().for_each(|warning| say!("warning: {warning}"));
     grid
 }
@@ -191,17 +192,22 @@ impl Map {
 }
 
 fn convert_log(input: &Path, output: &Path, format: Format) -> anyhow::Result<()> {
-    let mut entries = open_log(input, &Topics::default())?.open()?;
+    let topics = Topics::default();
+    let log =
+        if is_standard_input(input) { open_standard_input(&topics, None) } else { Ok(open_log(input, &topics)?) }?;
+    let mut entries = log.open()?;
+    // A live log ends where a signal comes, and what has come is written.
+    let is_given_up = || interrupt::happened() && !log.is_live();
     let written = write_whole(output, |file| {
         if format == Format::LogGzip {
             let mut packed = GzEncoder::new(file, Compression::default());
-            write_log(&mut entries, &mut packed)?;
+            write_log(&mut entries, &mut packed, is_given_up)?;
             packed.finish().map(|_| ())
         } else {
-            write_log(&mut entries, file)
+            write_log(&mut entries, file, is_given_up)
         }
     });
-    if interrupt::happened() {
+    if is_given_up() {
         return Ok(());
     }
     written?;
@@ -215,10 +221,11 @@ fn convert_log(input: &Path, output: &Path, format: Format) -> anyhow::Result<()
 fn write_log(
     entries: &mut dyn Iterator<Item = Result<ipslam::log::LogEntry, ipslam::log::LogError>>,
     out: impl Write,
+    is_given_up: impl Fn() -> bool,
 ) -> std::io::Result<()> {
     let mut writer = CarmenWriter::new(out);
     for entry in entries {
-        if interrupt::happened() {
+        if is_given_up() {
             return Err(std::io::ErrorKind::Interrupted.into());
         }
         writer.write(&entry.map_err(std::io::Error::other)?)?;

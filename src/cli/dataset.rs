@@ -17,7 +17,7 @@ pub struct DatasetArgs {
     /// Classes that its landmarks are given in turn; 3 for MR.CLAM, else 1
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     classes: Option<usize>,
-    /// Share of detections with a wrong class; 0.1 where there are several classes
+    /// Share of detections with a wrong class; 0.1 with more than one class
     #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
     wrong_labels: Option<f64>,
     /// Seed of what is drawn, wrong classes for one; 1 by default
@@ -46,7 +46,7 @@ impl DatasetArgs {
         let converted = set.read(input, &self.options()).map_err(inner)?;
         datasets::write(output, &converted).context("the recording is not complete")?;
         let Converted { recording, notes, .. } = &converted;
-        tell(output, notes, [recording.frames.len(), recording.detections(), recording.odometry.len()]);
+        report(output, notes, [recording.frames.len(), recording.detections(), recording.odometry.len()]);
         Ok(())
     }
 
@@ -56,7 +56,7 @@ impl DatasetArgs {
         let converted = set.read(input, &self.options()).map_err(inner)?;
         datasets::write3(output, &converted).context("the recording is not complete")?;
         let Converted { recording, notes, .. } = &converted;
-        tell(output, notes, [recording.frames.len(), recording.detections(), recording.odometry.len()]);
+        report(output, notes, [recording.frames.len(), recording.detections(), recording.odometry.len()]);
         Ok(())
     }
 }
@@ -68,7 +68,7 @@ fn inner(error: ConvertError) -> anyhow::Error {
     }
 }
 
-fn tell(output: &Path, notes: &[String], [frames, detections, odometry]: [usize; 3]) {
+fn report(output: &Path, notes: &[String], [frames, detections, odometry]: [usize; 3]) {
     notes.iter().for_each(|note| say!("note: {note}"));
     say!("{}: {frames} frames, {detections} detections, {odometry} rows of odometry", output.display());
 }

@@ -49,7 +49,7 @@ pub fn happened() -> bool {
     HAPPENED.load(Ordering::Relaxed)
 }
 
-/// A bit for each signal that whoever started the program wants ignored, if the system provides it (Linux).
+/// A bit for each signal that the parent process set to be ignored, if the system provides it (Linux).
 fn ignored() -> u64 {
     let mask = || {
         let status = std::fs::read_to_string("/proc/self/status").ok()?;

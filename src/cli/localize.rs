@@ -3,24 +3,22 @@
 use super::UsageError;
 use super::backend::{BackendArgs, Chosen};
 use super::configuration;
-use super::convert::read_grid;
 use super::interrupt;
+use super::known_map::{known_map, pose, spread};
 use super::log::LogArgs;
 use super::output::{OutArgs, Outputs};
 use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
-use super::run::ThreadArgs;
 use super::say::{print_line, say};
-use super::summary::refused_odometry;
-use anyhow::{Context as _, anyhow, bail, ensure};
-use ipslam::clustering::ClusteringConfig;
+use super::summary::{odometry_errors, refused_odometry};
+use super::threads::ThreadArgs;
+use anyhow::{Context as _, anyhow, ensure};
 use ipslam::config::{Config, LocalizationConfig};
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::grid::FreeArea;
-use ipslam::io::{map_json, tum};
+use ipslam::io::tum;
 use ipslam::localization::{InitialPose, Localization};
 use ipslam::log::{self, LogEntry, LogError, LogSource};
-use ipslam::map::{LineMap, clusters_of_grid};
 use ipslam::metrics::PoseLookup;
 use ipslam::picture::Figures;
 use ipslam::pipeline::{End, Outcome, Run, RunInfo};
@@ -29,7 +27,7 @@ use ipslam::scan::Scan;
 use serde::Serialize;
 use serde_json::json;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Finds the robot in a finished map.
 #[derive(Debug, clap::Args)]
@@ -72,23 +70,6 @@ pub struct LocalizeArgs {
     recording: RecordingArgs,
 }
 
-fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse::<f64>()).collect();
-    let numbers = numbers.map_err(|error| format!("{error}; {N} numbers with commas between them are needed"))?;
-    let found = numbers.len();
-    let all: [f64; N] = numbers.try_into().map_err(|_| format!("{found} numbers, {N} are needed"))?;
-    if all.iter().all(|number| number.is_finite()) { Ok(all) } else { Err("a number is not finite".to_owned()) }
-}
-
-pub fn pose(text: &str) -> Result<Pose, String> {
-    numbers(text).map(|[x, y, heading]| Pose::new(x, y, heading))
-}
-
-fn spread(text: &str) -> Result<[f64; 2], String> {
-    let spread: [f64; 2] = numbers(text)?;
-    if spread.iter().all(|&number| number >= 0.0) { Ok(spread) } else { Err("neither can be below 0".to_owned()) }
-}
-
 impl LocalizeArgs {
     /// Options win over the file, the file over the defaults.
     fn config(&self) -> anyhow::Result<LocalizationConfig> {
@@ -116,7 +97,7 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let mut outputs = args.out.open(&format!("{}-localized", source.name()))?;
     interrupt::watch()?;
     let Chosen { evaluator, name: device } = args.backend.choose()?;
-    let info = RunInfo { log: source.name(), device, config: Config::Localization(config) };
+    let info = RunInfo { log: source.name(), device, config: Config::Localization(config), continues: None };
     let mut observers = args.recording.observers(&info, args.log.log.as_deref())?;
 
     let [position_sigma, heading_sigma] = args.start_spread;
@@ -151,30 +132,6 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     print_line!("{}", text.trim_end());
     outputs.finish();
     Ok(std::mem::take(&mut outputs.errors))
-}
-
-/// Reads a map of either kind.
-pub fn known_map(path: &Path) -> anyhow::Result<LineMap> {
-    let shown = path.display();
-    let map = match path.extension().and_then(|ending| ending.to_str()) {
-        Some("json") => {
-            let map = map_json::read_map(path)?;
-            ensure!(
-                map.free.is_some(),
-                "{shown}: it does not tell where a robot can be; run the log again, or name map.yaml of the run"
-            );
-            map
-        }
-        Some("yaml" | "yml") => {
-            let grid = read_grid(path)?;
-            let free = FreeArea::from_grid(&grid, []);
-            ensure!(free.is_some(), "{shown}: no cell of it is free");
-            LineMap { clusters: clusters_of_grid(&grid, &ClusteringConfig::default()), free }
-        }
-        _ => bail!("{shown}: a map is a .json file as `ipslam run` writes it, or a .yaml file of ROS map_server"),
-    };
-    ensure!(!map.clusters.is_empty(), "{shown}: it has no wall");
-    Ok(map)
 }
 
 /// A reading, and how far the robot had come by then.
@@ -334,6 +291,7 @@ impl Summary<'_> {
                 "log_s": self.log_seconds(),
                 "times_real_time": self.log_seconds() / self.outcome.filter_seconds.max(1e-9),
             },
+            "odometry_errors": self.outcome.result.odometry_errors,
             "refused_odometry": self.outcome.result.refused_odometry.len(),
             "evaluator_failure": self.outcome.evaluator_failure,
         })
@@ -355,6 +313,7 @@ impl Summary<'_> {
             rows.push(("", format!("first right fix {}", fix(*first_right_fix))));
             rows.push(("", format!("error {median_error_m:.3} m at the median, {largest_error_m:.3} m at most")));
         }
+        rows.push(("odometry", odometry_errors(&self.outcome.result)));
         let speed = self.log_seconds() / self.outcome.filter_seconds.max(1e-9);
         let first = 1e3 * self.outcome.counts.first_step_seconds;
         rows.push((

@@ -21,8 +21,8 @@ pub struct LogArgs {
     /// Topic of the odometry in a bag: odometry messages or transforms [default: the only odometry, or else /tf]
     #[arg(long, value_name = "TOPIC", requires = "log")]
     odom_topic: Option<String>,
-    /// Field of view of a laser whose sweeps hold only ranges (FLASER) [degrees; default: what the log or the number of
-    /// beams tells]
+    /// Field of view of a laser whose sweeps hold only ranges (FLASER) [degrees; default: from the log or the number of
+    /// beams]
     #[arg(long, value_name = "DEGREES", requires = "log", value_parser = degrees)]
     fov: Option<f64>,
 }
@@ -42,11 +42,8 @@ impl LogArgs {
     pub fn source_of(&self, path: &Path) -> anyhow::Result<Box<dyn LogSource>> {
         let topics = Topics { scan: self.scan_topic.clone(), odometry: self.odom_topic.clone() };
         let field_of_view = self.fov.map(f64::to_radians);
-        if path.as_os_str() == "-" {
-            let nobody_writes = || UsageError("-: standard input is a terminal; let a program write to it".to_owned());
-            ensure!(!stdin().is_terminal(), nobody_writes());
-            let stream = Stream::new(stdin(), interrupt::happened).context("standard input cannot be kept")?;
-            return Ok(open_stream(stream, &topics, field_of_view)?);
+        if is_standard_input(path) {
+            return open_standard_input(&topics, field_of_view);
         }
         let readable_twice = std::fs::metadata(path).map_or(true, |found| found.is_file() || found.is_dir());
         ensure!(
@@ -59,4 +56,17 @@ impl LogArgs {
         }
         Ok(open_log(path, &topics)?)
     }
+}
+
+/// Whether `-` is named in place of a file.
+pub fn is_standard_input(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+/// The log that comes on standard input, which a signal ends.
+pub fn open_standard_input(topics: &Topics, field_of_view: Option<f64>) -> anyhow::Result<Box<dyn LogSource>> {
+    let nobody_writes = || UsageError("-: standard input is a terminal; let a program write to it".to_owned());
+    ensure!(!stdin().is_terminal(), nobody_writes());
+    let stream = Stream::new(stdin(), interrupt::happened).context("standard input cannot be kept")?;
+    Ok(open_stream(stream, topics, field_of_view)?)
 }

@@ -1,6 +1,6 @@
 //! Arguments -> configuration -> run -> exit code.
 
-#![allow(rustdoc::broken_intra_doc_links, reason = "help texts tell units in brackets")]
+#![allow(rustdoc::broken_intra_doc_links, reason = "help texts have units in brackets")]
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 use ipslam::config::ConfigError;
@@ -18,6 +18,7 @@ mod devices;
 mod eval;
 mod help;
 mod interrupt;
+mod known_map;
 mod localize;
 mod log;
 mod output;
@@ -31,6 +32,7 @@ mod say;
 mod semantic;
 mod simulate;
 mod summary;
+mod threads;
 mod truth;
 mod view;
 mod visual_inertial;
@@ -101,7 +103,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 /// The same for a program that goes on after it.
 ///
 /// # Errors
-/// What the command line would have told.
+/// The errors that the program would have printed.
 pub fn call(arguments: impl IntoIterator<Item = OsString>) -> Result<(), String> {
     let cli = Cli::try_parse_from(arguments).map_err(|error| error.to_string())?;
     match execute(cli.command) {
@@ -148,7 +150,7 @@ fn execute(command: Command) -> (u8, Vec<String>) {
     (code, errors.iter().map(with_causes).collect())
 }
 
-/// An error and its causes, but for those that it tells itself.
+/// An error and its causes, except those whose text it already contains.
 fn with_causes(error: &anyhow::Error) -> String {
     error
         .chain()

@@ -1,12 +1,11 @@
 //! The files of a run. One that cannot be written does not keep the others from being written.
 
 use super::UsageError;
-use super::continued::Earlier;
 use super::progress::Bar;
 use super::say::say;
 use anyhow::{Context as _, bail, ensure};
 use ipslam::geometry::StampedPose;
-use ipslam::grid::{FreeArea, GridBuilder};
+use ipslam::grid::{FreeArea, GridBuilder, OccupancyGrid};
 use ipslam::io::{geojson, map_json, map_server, poses, tum, write_whole};
 use ipslam::log::{LogEntry, LogSource, readings};
 use ipslam::map::LineMap;
@@ -135,7 +134,7 @@ impl Outputs {
     }
 
     /// Moves all files to where they belong. Where one of them could not be written and the folder holds the results of an
-    /// earlier run, those stay, and the new ones come to a folder of their own.
+    /// earlier run, those stay, and the new ones go to the subfolder `incomplete`.
     pub fn finish(&mut self) {
         let is_whole = self.staged.iter().all(|name| self.staging.join(name).is_file());
         let target =
@@ -193,8 +192,8 @@ impl Outputs {
     /// Reads the log again for its points, as far as it was mapped; writes the map with its free area, the grid and the
     /// walls, and draws the pictures. Returns the size of `map.json` in bytes.
     ///
-    /// `reference` is in the world's frame, `cell_size` the side of a cell of the grid [m]. Where the drives are several, the
-    /// grid tells of all of them.
+    /// `reference` is in the world's frame, `cell_size` the side of a cell of the grid [m]. With the grid of an earlier
+    /// drive, the grid written covers both.
     pub fn look_again(
         &mut self,
         source: &dyn LogSource,
@@ -202,7 +201,7 @@ impl Outputs {
         mapped: &Outcome,
         reference: &[StampedPose],
         cell_size: f64,
-        earlier: Option<&Earlier>,
+        earlier: Option<&OccupancyGrid>,
     ) -> usize {
         let result = &mapped.result;
         let mut figures = Figures::new(source.name(), result, reference);
@@ -212,7 +211,7 @@ impl Outputs {
         let driven = result.relied_on().map(|(_, pose)| pose.position());
         let grid = builder.finish().map_err(anyhow::Error::from);
         let grid = match earlier {
-            Some(earlier) => grid.and_then(|grid| earlier.behind(&grid)),
+            Some(earlier) => grid.and_then(|grid| Ok(grid.over(earlier)?)),
             None => grid,
         };
         let free = match grid {

@@ -12,8 +12,8 @@ const EVERY: Duration = Duration::from_millis(100);
 /// Parts of a whole whose size is not known.
 pub const PERMILLE: u64 = 1000;
 
-/// Runs a log with a bar on stderr, until it ends or the user wants no more; `message` says how the filter does after so
-/// many seconds.
+/// Runs a log with a bar on stderr, until it ends or the user interrupts it; `message` describes the state of the
+/// filter, from the counts and the seconds since the start.
 pub fn run_with_bar(
     run: &Run<'_>,
     estimator: &mut dyn Estimator,
@@ -67,7 +67,7 @@ impl Bar {
         Self { bar, length, first: None, began: now, updated: now }
     }
 
-    /// Something that takes a while, without an end that is known.
+    /// A spinner for work of unknown length.
     pub fn busy(message: &'static str) -> Self {
         let this = Self::new(None);
         this.bar.set_message(message);

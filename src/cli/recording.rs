@@ -1,10 +1,8 @@
 //! `--record` and `--connect`: the run for the Rerun viewer, with the feature `record`.
 
-use super::semantic::Task;
 use clap::ValueEnum;
 use ipslam::pipeline::RunInfo;
 use ipslam::report::Observer;
-use ipslam::semantic::SemanticMap;
 use std::path::{Path, PathBuf};
 
 /// Where to record.
@@ -26,7 +24,7 @@ pub enum RecordLevel {
     /// What repeats the run and shows it, with a sample of the particles
     #[default]
     Light,
-    /// All particles, weights and ancestry, and more to look at
+    /// All particles, weights and ancestry, clusters of each scan, and ellipses of the map
     Full,
 }
 
@@ -65,10 +63,10 @@ impl RecordingArgs {
     }
 }
 
-/// Whether objects that a folder tells of can be recorded to a file.
+/// Refuses to record to a file that is part of the recording of detections in this folder.
 #[cfg(feature = "record")]
 pub fn check_target(path: &Path, folder: &Path) -> anyhow::Result<()> {
-    // A folder that cannot be listed cannot be read either, which is told there.
+    // An unreadable folder is reported when its files are read.
     let mut inputs = std::fs::read_dir(folder).into_iter().flatten().flatten();
     inputs.try_for_each(|input| refuse_input(path, Some(&input.path())))
 }
@@ -76,19 +74,6 @@ pub fn check_target(path: &Path, folder: &Path) -> anyhow::Result<()> {
 /// Without the feature nothing can.
 #[cfg(not(feature = "record"))]
 pub fn check_target(_path: &Path, _folder: &Path) -> anyhow::Result<()> {
-    anyhow::bail!("--record needs {FEATURE}")
-}
-
-/// Records how objects were mapped.
-#[cfg(feature = "record")]
-pub fn record_mapping(path: &Path, task: &Task<'_>, map: &SemanticMap) -> anyhow::Result<()> {
-    ipslam::record::rerun::semantic::record(path, task.mapping(map))?;
-    Ok(())
-}
-
-/// Without the feature nothing is recorded.
-#[cfg(not(feature = "record"))]
-pub fn record_mapping(_path: &Path, _task: &Task<'_>, _map: &SemanticMap) -> anyhow::Result<()> {
     anyhow::bail!("--record needs {FEATURE}")
 }
 

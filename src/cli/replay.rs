@@ -5,7 +5,8 @@ use super::backend::BackendArgs;
 use super::configuration::ConfigArgs;
 use super::output::OutArgs;
 use super::recording::RecordLevel;
-use super::run::{GridArgs, ThreadArgs};
+use super::run::GridArgs;
+use super::threads::ThreadArgs;
 use super::truth::TruthArgs;
 use std::path::PathBuf;
 
@@ -62,8 +63,9 @@ mod with_recorder {
     use super::ReplayArgs;
     use anyhow::{bail, ensure};
     use ipslam::config::{Config, SlamConfig};
+    use ipslam::grid::drawn;
     use ipslam::log::LogSource as _;
-    use ipslam::pipeline::{Outcome, RunInfo};
+    use ipslam::pipeline::{Continued, Outcome, RunInfo};
     use ipslam::record::rerun::RerunObserver;
     use ipslam::record::rerun::read::{RecordedRun, RecordedStep, Store};
     use ipslam::record::rerun::semantic::RecordedMapping;
@@ -74,7 +76,7 @@ mod with_recorder {
     use std::path::Path;
     use std::rc::Rc;
 
-    /// What is known to be something else is told with what it is for; the rest is the reader's business.
+    /// For a file of a known other kind the error names the command that reads it; all others are left to the reader.
     fn refuse_other(path: &Path) -> anyhow::Result<()> {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         let shown = path.display();
@@ -122,7 +124,7 @@ mod with_recorder {
                 say!("{shown} was recorded by version {}: another version may differ", recorded.store().version);
             }
         }
-        let info = RunInfo { log: recorded.store().info.log.clone(), device, config: Config::Slam(config) };
+        let info = RunInfo { device, config: Config::Slam(config), ..recorded.store().info.clone() };
 
         let replayed = Rc::new(RefCell::new(Replayed::default()));
         let mut observers: Vec<Box<dyn Observer>> = vec![Box::new(Listener(Rc::clone(&replayed)))];
@@ -134,12 +136,16 @@ mod with_recorder {
         let smooth = recorded.result.is_none_or(|result| result.is_smoothed);
         let job = Job {
             source: &recorded,
-            earlier: None,
             info: &info,
             config: &config,
             max_scans: None,
             truth: &truth,
             cell_size: args.grid.cell_size,
+            earlier_grid: info
+                .continues
+                .as_ref()
+                .map(|Continued { map, .. }| drawn(&map.clusters, map.free.as_ref(), args.grid.cell_size))
+                .transpose()?,
             align: false,
             smooth,
             printed: (!args.json).then_some(Printed::Table),

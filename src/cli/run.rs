@@ -10,13 +10,14 @@ use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::say::{print_line, say};
 use super::summary::Summary;
+use super::threads::ThreadArgs;
 use super::truth::{Truth, TruthArgs};
-use anyhow::{Context as _, anyhow};
+use anyhow::anyhow;
 use ipslam::config::{Config, SlamConfig};
 use ipslam::evaluator::Evaluator;
-use ipslam::grid::RESOLUTION;
+use ipslam::grid::{OccupancyGrid, RESOLUTION};
 use ipslam::log::LogSource;
-use ipslam::pipeline::{Counts, End, Outcome, Run, RunInfo};
+use ipslam::pipeline::{Continued, Counts, End, Outcome, Run, RunInfo};
 use ipslam::report::{Confidence, Observer};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
@@ -25,7 +26,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Maps a log, or without one a simulated drive through the built-in building: writes trajectory, map, pictures and a
-/// summary. Of several logs each goes on with the map of those before it, in a folder of its own.
+/// summary. Of several logs each goes on with the map of those before it, in its own folder.
 #[derive(Debug, clap::Args)]
 pub struct RunArgs {
     #[command(flatten)]
@@ -73,26 +74,6 @@ fn cell_size(text: &str) -> Result<f64, String> {
     size.ok_or_else(|| "a number of metres from 0.001 to 10 is needed".to_owned())
 }
 
-/// How many threads work.
-#[derive(Debug, clap::Args)]
-pub struct ThreadArgs {
-    /// Threads, up to 1024; 0 for one for each core. The result does not depend on it
-    #[arg(long, default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(..=1024))]
-    threads: u16,
-}
-
-impl ThreadArgs {
-    /// Starts them.
-    pub fn start(&self) -> anyhow::Result<()> {
-        // As rayon starts them by itself; a second command of one process has them already.
-        if self.threads == 0 {
-            return Ok(());
-        }
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(self.threads));
-        pool.build_global().context("no threads (option --threads)")
-    }
-}
-
 /// Maps the logs. What went wrong while the run could go on is returned as a list, and what ended it as the error.
 pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let config = args.config.over(SlamConfig::default())?;
@@ -129,17 +110,18 @@ impl RunArgs {
         let earlier = earlier.find(&*source, config, self.grid.cell_size)?;
         interrupt::watch()?;
         let Chosen { evaluator, name: device } = self.backend.choose()?;
-        let info = RunInfo { log: source.name(), device, config: Config::Slam(*config) };
+        let (continues, earlier_grid) = earlier.map(|Earlier { continued, grid }| (continued, grid)).unzip();
+        let reading = continues.as_ref().map_or(0, |continued| continued.first_scan);
+        let info = RunInfo { log: source.name(), device, config: Config::Slam(*config), continues };
         let mut observers = self.recording.observers(&info, log)?;
-        let reading = earlier.as_ref().map_or(0, |earlier| earlier.beginning.reading);
         let job = Job {
             source: &ScansFrom { source: &*source, reading },
-            earlier: earlier.as_ref(),
             info: &info,
             config,
             max_scans: self.max_scans,
             truth,
             cell_size: self.grid.cell_size,
+            earlier_grid,
             align: self.align,
             smooth: true,
             printed: Some(if self.json { Printed::Json } else { Printed::Table }),
@@ -173,8 +155,6 @@ pub enum Printed {
 /// A run about to start.
 pub struct Job<'a> {
     pub source: &'a dyn LogSource,
-    /// What it goes on with.
-    pub earlier: Option<&'a Earlier>,
     pub info: &'a RunInfo,
     /// That of the information.
     pub config: &'a SlamConfig,
@@ -183,6 +163,8 @@ pub struct Job<'a> {
     pub truth: &'a Truth<'a>,
     /// Side of a cell of the grid [m].
     pub cell_size: f64,
+    /// The grid of the earlier drive that is continued.
+    pub earlier_grid: Option<OccupancyGrid>,
     /// Whether the world is turned so that most walls are along its axes.
     pub align: bool,
     /// Whether the result is smoothed.
@@ -192,7 +174,7 @@ pub struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Maps the log, writes the outputs and prints the summary; neither where there was no laser reading.
+    /// Maps the log, writes the outputs and prints the summary; nothing is written for a log without laser readings.
     pub fn run(
         &self,
         evaluator: Option<Box<dyn Evaluator>>,
@@ -205,8 +187,8 @@ impl Job<'_> {
             Some(evaluator) => Slam::with_evaluator(*config, evaluator),
             None => Slam::new(*config),
         };
-        if let Some(Earlier { map, beginning, .. }) = self.earlier {
-            slam = slam.continuing(&map.clusters, beginning.world_from_robot);
+        if let Some(Continued { map, world_from_robot, .. }) = &self.info.continues {
+            slam = slam.continuing(map, *world_from_robot);
         }
         let smoothing = self.smooth.then(|| config.smoother());
         let run = Run { max_scans: self.max_scans, smoothing, ..Run::of(self.source) };
@@ -225,10 +207,10 @@ impl Job<'_> {
         let smoothed = std::mem::replace(&mut mapped.smoothing, Ok(()));
         outputs
             .note(smoothed.map_err(|error| anyhow!(error).context("the log cannot be read again to smooth the map")));
-        if let Some(Earlier { beginning, .. }) = self.earlier {
-            // Odometry alone tells of the way to where the robot came into the map.
+        if let Some(Continued { first_scan, .. }) = self.info.continues {
+            // Up to the first located scan there is odometry only.
             let unknown = Confidence { weight: 0.0, explained: 0.0, is_located: false };
-            let before = mapped.result.poses.iter_mut().take(beginning.reading);
+            let before = mapped.result.poses.iter_mut().take(first_scan);
             before.for_each(|estimate| estimate.confidence = Some(unknown));
         }
         if self.align {
@@ -240,10 +222,11 @@ impl Job<'_> {
         outputs.write("config.toml", toml::to_string(config)?.as_bytes());
         let (report, truth) = self.truth.score(&trajectory_path, &trajectory, &mapped.truth);
         let began = Instant::now();
-        let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth, self.cell_size, self.earlier);
+        let grid = self.earlier_grid.as_ref();
+        let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth, self.cell_size, grid);
         let drawing_seconds = began.elapsed().as_secs_f64();
-        let earlier = self.earlier;
-        let summary = Summary { name, device, mapped, earlier, config, map_bytes, drawing_seconds, report: &report };
+        let continues = self.info.continues.as_ref();
+        let summary = Summary { name, device, mapped, continues, config, map_bytes, drawing_seconds, report: &report };
         let json = format!("{:#}", summary.json()?);
         outputs.write("summary.json", format!("{json}\n").as_bytes());
         // Whoever closed this pipe has read enough; the summary is in its file.

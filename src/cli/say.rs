@@ -19,7 +19,7 @@ macro_rules! print_line {
 
 pub(super) use {print_line, say};
 
-/// A text whose control characters do nothing: names of logs and topics are somebody else's, and a terminal obeys them.
+/// A text whose control characters do nothing: names of logs and topics are input, and a terminal executes control characters.
 pub fn harmless(text: &str) -> String {
     let mut harmless = String::with_capacity(text.len());
     for character in text.chars() {

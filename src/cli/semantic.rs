@@ -3,7 +3,7 @@
 use super::UsageError;
 use super::output::{OutArgs, Outputs};
 use super::progress::{Bar, PERMILLE};
-use super::recording::{check_target, record_mapping};
+use super::recording::check_target;
 use super::say::{print_line, say};
 use super::visual_inertial;
 use anyhow::{Context as _, bail, ensure};
@@ -46,7 +46,7 @@ pub struct SemanticArgs {
     /// Keyframes that are estimated at once, as online; older ones stay as they are [default: all]
     #[arg(long, value_name = "COUNT")]
     window: Option<NonZeroUsize>,
-    /// Which object each detection shows, as ids.csv of `ipslam convert` tells: the best that could be reached
+    /// Which object each detection shows, as in ids.csv of `ipslam convert`: the upper bound of what association can reach
     #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["association", "beam", "window"])]
     known_ids: Option<PathBuf>,
     /// Record how the map came about to this file, for the Rerun viewer and for `ipslam replay`
@@ -167,8 +167,15 @@ impl Output for Plane {
         json!({ "forward_scale": forward_scale, "turn_scale": turn_scale, "curvature": curvature })
     }
 
+    #[cfg(feature = "record")]
     fn record(path: &Path, task: &Task<'_>, found: &SemanticMap) -> anyhow::Result<()> {
-        record_mapping(path, task, found)
+        ipslam::record::rerun::semantic::record(path, task.mapping(found))?;
+        Ok(())
+    }
+
+    #[cfg(not(feature = "record"))]
+    fn record(_: &Path, _: &Task<'_>, _: &SemanticMap) -> anyhow::Result<()> {
+        bail!("--record needs {}", super::recording::FEATURE)
     }
 }
 
@@ -214,7 +221,7 @@ pub struct Task<'a, W: World = Plane> {
 }
 
 impl<W: Output> Task<'_, W> {
-    /// Maps it, and tells the seconds that it took.
+    /// Maps it; returns the map and the run time \[s\].
     pub fn map(&self) -> Result<(SemanticMap<W>, f64), SemanticError> {
         let began = Instant::now();
         let bar = Mutex::new(Bar::new(Some(PERMILLE)));

@@ -1,11 +1,11 @@
 //! The summary of a run: `summary.json`, and the same as a short table.
 
-use super::continued::Earlier;
 use super::eval::Report;
 use ipslam::config::SlamConfig;
 use ipslam::geometry::Pose;
-use ipslam::pipeline::{End, Outcome};
+use ipslam::pipeline::{Continued, End, Outcome};
 use ipslam::report::{Loop, RunResult, StageTimes};
+use ipslam::tracking::OdometryErrors;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -23,7 +23,7 @@ pub struct Summary<'a> {
     pub name: &'a str,
     pub device: &'a str,
     pub mapped: &'a Outcome,
-    pub earlier: Option<&'a Earlier>,
+    pub continues: Option<&'a Continued>,
     pub config: &'a SlamConfig,
     pub map_bytes: usize,
     pub drawing_seconds: f64,
@@ -77,7 +77,7 @@ impl Summary<'_> {
         match stats.laser_without_odometry {
             0 => {}
             _ if self.has_no_odometry() => {
-                warnings.push("no odometry at all: the map is made by matching scans alone, and may be wrong where they show little; look at it".to_owned());
+                warnings.push("no odometry at all: the map is made by scan matching alone and may be wrong where scans have few features; check map.png".to_owned());
             }
             some => warnings.push(format!(
                 "scans before any odometry, or in a bag more than 1 s from it: {some}; they were taken to be where it starts \
@@ -87,8 +87,8 @@ impl Summary<'_> {
         warnings.extend(refused_odometry(&self.mapped.result));
         if stats.laser_without_mounting > 0 {
             warnings.push(
-                "the bag does not tell where the laser is mounted (no chain of transforms that never change on /tf_static or /tf): it was taken to be \
-                 at the robot's origin and to look forward"
+                "the bag has no mounting of the laser (no chain of fixed transforms on /tf_static or /tf): the laser was assumed to be at the robot's \
+                 origin, facing forward"
                     .to_owned(),
             );
         }
@@ -100,7 +100,7 @@ impl Summary<'_> {
         }
         if stats.guessed_angles > 0 {
             warnings.push(format!(
-                "sweeps that do not tell the angles of their beams: {}; 180 degrees were assumed (option --fov)",
+                "sweeps without the angles of their beams: {}; 180 degrees were assumed (option --fov)",
                 stats.guessed_angles
             ));
         }
@@ -135,11 +135,11 @@ impl Summary<'_> {
         let open: Vec<&Loop> = self.mapped.result.loops.iter().filter(|found| !found.is_closed).collect();
         if let Some(first) = open.first() {
             doubts.push(format!(
-                "loops that were found and that the path does not close: {}, first at stamp {} ({:.1} m off a place of stamp {})",
+                "loops that were found and that the path does not close: {}, first at stamp {} ({:.1} m off a place {})",
                 open.len(),
                 first.stamp,
                 first.correction,
-                first.older_stamp
+                first.older_stamp.map_or("of the earlier map".to_owned(), |stamp| format!("of stamp {stamp}"))
             ));
         }
         let looked_through = self.mapped.result.looked_through;
@@ -150,7 +150,7 @@ impl Summary<'_> {
             ));
         }
         if self.has_no_odometry() {
-            doubts.push("no odometry: where scans show little, nothing tells how far the robot went".to_owned());
+            doubts.push("no odometry: where scans have few features, the distance driven is unknown".to_owned());
         }
         doubts
     }
@@ -175,10 +175,10 @@ impl Summary<'_> {
                 "duration_s": counts.log_seconds(),
                 "stats": mapped.stats,
             },
-            "continues": self.earlier.map(|Earlier { path, beginning, .. }| json!({
-                "map": path.display().to_string(),
-                "first_scan": beginning.reading,
-                "world_from_robot": beginning.world_from_robot,
+            "continues": self.continues.map(|Continued { name, first_scan, world_from_robot, .. }| json!({
+                "map": name,
+                "first_scan": first_scan,
+                "world_from_robot": world_from_robot,
             })),
             "beams": {
                 "scans": counts.scans,
@@ -232,7 +232,7 @@ impl Summary<'_> {
         let counts = &mapped.counts;
         let percent = |count: f64| 100.0 * count / config.particles as f64;
         let StageTimes { cluster, track, propagate, weigh, resample, merge, .. } = counts.times;
-        let (loops, errors) = (&mapped.result.loops, mapped.result.odometry_errors);
+        let loops = &mapped.result.loops;
         let rows = [
             ("log", format!("{}: {} scans in {:.1} s", self.name, counts.scans, counts.log_seconds())),
             (
@@ -260,13 +260,7 @@ impl Summary<'_> {
                     percent(counts.effective_worst)
                 ),
             ),
-            (
-                "odometry",
-                format!(
-                    "errs {:.2} times as much as expected in positions, {:.2} times in headings, by its motions against the scans",
-                    errors.position, errors.heading
-                ),
-            ),
+            ("odometry", odometry_errors(&mapped.result)),
             ("loops", format!("{} found, {} closed", loops.len(), loops.iter().filter(|l| l.is_closed).count())),
             (
                 "time",
@@ -288,10 +282,9 @@ impl Summary<'_> {
                 ),
             ),
         ];
-        let continues = self.earlier.map(|Earlier { path, beginning, .. }| {
-            let Pose { x, y, heading } = beginning.world_from_robot;
+        let continues = self.continues.map(|Continued { name, world_from_robot: Pose { x, y, heading }, .. }| {
             let degrees = heading.to_degrees();
-            ("", format!("goes on with {}, from ({x:.2}, {y:.2}) m, {degrees:.0}° in it", path.display()))
+            ("", format!("goes on with {name}, from ({x:.2}, {y:.2}) m, {degrees:.0}° in it"))
         });
         let memory = peak_memory().map(|bytes| ("memory", format!("{:.0} MB at most", bytes as f64 / 1e6)));
         let verdict = self.doubts().into_iter().map(|doubt| ("doubtful", doubt));
@@ -307,6 +300,14 @@ impl Summary<'_> {
         }
         table
     }
+}
+
+/// The error of odometry in units of the configured noise.
+pub fn odometry_errors(result: &RunResult) -> String {
+    let OdometryErrors { position, heading } = result.odometry_errors;
+    format!(
+        "errs {position:.2} times as much as expected in positions, {heading:.2} times in headings, by its motions against the scans"
+    )
 }
 
 /// What to say of odometry that was not believed, if there is any.

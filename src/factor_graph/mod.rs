@@ -45,8 +45,8 @@ mod variables;
 
 pub use covariance::{Columns, Covariances};
 pub use factors::{
-    Between, Between3, Factor, Inertial, Jacobian, Odometry, Odometry3, Prediction, Prior, Projection, RangeBearing,
-    Sighting, Sighting3, Stereo, StereoCamera, Track, Walk,
+    Between, Factor, Inertial, Jacobian, Odometry, Odometry3, Prediction, Prior, RangeBearing, Sighting, Stereo,
+    StereoCamera, Track, Walk,
 };
 pub use graph::{Graph, TermId};
 pub use noise::{Loss, Noise};

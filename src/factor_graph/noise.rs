@@ -63,6 +63,7 @@ impl Noise {
 
 /// What a residual costs, by its norm d in standard deviations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub enum Loss {
     /// ½ d²: the residual is normal.
     #[default]

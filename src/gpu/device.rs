@@ -19,6 +19,7 @@ pub struct Adapter {
 
 /// What a device is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum AdapterKind {
     /// A GPU of its own.
     Discrete,

@@ -10,6 +10,8 @@ const CELL: f64 = 0.25;
 const FREE_SHARE: f64 = 0.5;
 /// ... and at most this share occupied: a speck, but no wall.
 const OCCUPIED_SHARE: f64 = 0.1;
+/// A file may describe an area of any size.
+const MOST_POINTS: usize = 1_000_000;
 /// Farthest column or row that a file may name.
 const FARTHEST_CELL: u32 = 1 << 24;
 
@@ -117,6 +119,18 @@ impl FreeArea {
         run.is_some_and(|run| f64::from(run.row) == row && column < f64::from(run.end))
     }
 
+    /// Points of the area \[m\], of its rows and columns one every `spacing` \[m\]; at most a million.
+    pub fn points(&self, spacing: f64) -> Vec<Point2<f64>> {
+        let every = (spacing / self.cell).round().max(1.0) as u32;
+        let middle = |cell: u32| (f64::from(cell) + 0.5) * self.cell;
+        let rows = self.runs.iter().filter(|run| run.row.is_multiple_of(every));
+        let points = rows.flat_map(|run| {
+            let columns = (run.start.next_multiple_of(every)..run.end).step_by(every as usize);
+            columns.map(|column| self.world_from_grid * Point2::new(middle(column), middle(run.row)))
+        });
+        points.take(MOST_POINTS).collect()
+    }
+
     /// Its size \[m²\].
     pub fn area(&self) -> f64 {
         self.cells() as f64 * self.cell * self.cell
@@ -207,5 +221,25 @@ impl Raster {
         let below = index.checked_sub(width);
         let above = Some(index + width).filter(|&above| above < cells);
         [left, right, below, above].into_iter().flatten()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A room of 4 m by 3 m with a cell of 0.25 m beside it, turned.
+    #[test]
+    fn points_are_spread_over_the_area() {
+        let mut rows = vec![vec![[0, 16]]; 12];
+        rows[8].push([20, 21]);
+        let area = FreeArea::from_rows(0.25, Pose::new(5.0, -2.0, 0.3), &rows).unwrap();
+        let points = area.points(1.0);
+        assert_eq!(points.len(), 4 * 3 + 1, "{points:?}");
+        assert!(points.iter().all(|&point| area.contains(point)));
+        let apart = |i: usize, j: usize| (points[i] - points[j]).norm();
+        let least = (0..points.len()).flat_map(|i| (0..i).map(move |j| (i, j))).map(|(i, j)| apart(i, j));
+        assert!((least.fold(f64::MAX, f64::min) - 1.0).abs() < 1e-9);
+        assert_eq!(area.points(0.25).len(), 16 * 12 + 1);
     }
 }

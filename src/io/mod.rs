@@ -23,8 +23,8 @@ pub mod trajectory;
 pub mod tum;
 pub mod visual_inertial;
 
-pub use open::open_log;
-pub use stream::{Stream, open_stream};
+pub use open::{open_log, open_stream};
+pub use stream::Stream;
 pub use text::{TextError, read_text};
 
 /// Why a file could not be written.

@@ -1,8 +1,9 @@
 //! The reader for a log, found by what its file holds and not by its name.
 
-use super::carmen::CarmenLog;
+use super::carmen::{CarmenLog, CarmenReader};
 use super::mcap::{self, McapLog, Topics};
-use crate::log::{LogError, LogSource};
+use super::stream::{self, Stream};
+use crate::log::{LogError, LogReader, LogSource};
 use serde::Deserialize;
 use std::fs::File;
 use std::io::{self, Read};
@@ -34,8 +35,61 @@ pub fn open_log(path: impl AsRef<Path>, topics: &Topics) -> Result<Box<dyn LogSo
     refusal(path, &begin, topics).map_or_else(|| Ok(Box::new(CarmenLog::new(path)) as Box<dyn LogSource>), Err)
 }
 
+/// What a stream is called in errors.
+const NAME: &str = "standard input";
+
+/// The log that comes through a stream: a CARMEN log, plain or gzip, or a bag in MCAP, whose topics are chosen by what its
+/// first seconds hold.
+///
+/// `field_of_view` is as for [`CarmenLog::with_field_of_view`](super::carmen::CarmenLog::with_field_of_view).
+///
+/// # Errors
+/// It is a log of another kind, which has to be in a file, or as [`McapLog::new`].
+pub fn open_stream(
+    stream: Stream,
+    topics: &Topics,
+    field_of_view: Option<f64>,
+) -> Result<Box<dyn LogSource>, LogError> {
+    let path = PathBuf::from(NAME);
+    let mut begin = Vec::new();
+    let head = stream.reader().and_then(|reader| reader.take(16).read_to_end(&mut begin));
+    head.map_err(|source| LogError::Open { path: path.clone(), source })?;
+    if begin.starts_with(&mcap::MAGIC) {
+        return Ok(Box::new(McapLog::of_stream(path, stream, topics)?));
+    }
+    if mcap::is_bag(&begin) {
+        let reason = "a bag of this kind cannot be read as it comes".to_owned();
+        return Err(LogError::NotThisFormat { path, reason, expected: "save it to a file first" });
+    }
+    match refusal(&path, &begin, topics) {
+        Some(error) => Err(error),
+        None => Ok(Box::new(CarmenStream { stream, field_of_view })),
+    }
+}
+
+struct CarmenStream {
+    stream: Stream,
+    field_of_view: Option<f64>,
+}
+
+impl LogSource for CarmenStream {
+    fn name(&self) -> String {
+        stream::name()
+    }
+
+    fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
+        let bytes =
+            self.stream.reader().map_err(|source| LogError::Open { path: Path::new(NAME).to_owned(), source })?;
+        Ok(Box::new(CarmenReader::from_reader(NAME, bytes)?.with_field_of_view(self.field_of_view)))
+    }
+
+    fn is_live(&self) -> bool {
+        true
+    }
+}
+
 /// Why what begins so is no CARMEN log, where that shows.
-pub(super) fn refusal(path: &Path, begin: &[u8], topics: &Topics) -> Option<LogError> {
+fn refusal(path: &Path, begin: &[u8], topics: &Topics) -> Option<LogError> {
     let (reason, expected) = if begin.starts_with(b"RRF") {
         ("this is a recording", "`ipslam replay FILE` runs what it holds again")
     } else if begin.starts_with(b"\x28\xb5\x2f\xfd") {

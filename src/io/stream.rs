@@ -1,13 +1,8 @@
 //! A log that comes through a pipe. Its bytes are kept in a temporary file as they come, so that it can be read from its first
 //! byte any number of times, also while it still comes.
 
-use super::carmen::CarmenReader;
-use super::mcap::{self, McapLog, Topics};
-use super::open::refusal;
-use crate::log::{LogError, LogReader, LogSource};
 use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write as _};
-use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tempfile::NamedTempFile;
@@ -132,59 +127,6 @@ impl Read for StreamReader {
         let read = self.file.read(&mut buffer[..most])?;
         self.position += read as u64;
         Ok(read)
-    }
-}
-
-/// What a stream is called in errors.
-const NAME: &str = "standard input";
-
-/// The log that comes through a stream: a CARMEN log, plain or gzip, or a bag in MCAP, whose topics are chosen by what its
-/// first seconds hold.
-///
-/// `field_of_view` is as for [`CarmenLog::with_field_of_view`](super::carmen::CarmenLog::with_field_of_view).
-///
-/// # Errors
-/// It is a log of another kind, which has to be in a file, or as [`McapLog::new`].
-pub fn open_stream(
-    stream: Stream,
-    topics: &Topics,
-    field_of_view: Option<f64>,
-) -> Result<Box<dyn LogSource>, LogError> {
-    let path = PathBuf::from(NAME);
-    let mut begin = Vec::new();
-    let head = stream.reader().and_then(|reader| reader.take(16).read_to_end(&mut begin));
-    head.map_err(|source| LogError::Open { path: path.clone(), source })?;
-    if begin.starts_with(&mcap::MAGIC) {
-        return Ok(Box::new(McapLog::of_stream(path, stream, topics)?));
-    }
-    if mcap::is_bag(&begin) {
-        let reason = "a bag of this kind cannot be read as it comes".to_owned();
-        return Err(LogError::NotThisFormat { path, reason, expected: "save it to a file first" });
-    }
-    match refusal(&path, &begin, topics) {
-        Some(error) => Err(error),
-        None => Ok(Box::new(CarmenStream { stream, field_of_view })),
-    }
-}
-
-struct CarmenStream {
-    stream: Stream,
-    field_of_view: Option<f64>,
-}
-
-impl LogSource for CarmenStream {
-    fn name(&self) -> String {
-        name()
-    }
-
-    fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
-        let bytes =
-            self.stream.reader().map_err(|source| LogError::Open { path: Path::new(NAME).to_owned(), source })?;
-        Ok(Box::new(CarmenReader::from_reader(NAME, bytes)?.with_field_of_view(self.field_of_view)))
-    }
-
-    fn is_live(&self) -> bool {
-        true
     }
 }
 

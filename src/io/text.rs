@@ -7,6 +7,7 @@ use std::path::Path;
 
 /// Why a file is no short text.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum TextError {
     /// It cannot be read.
     #[error("it cannot be read")]

@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 
 /// How a trajectory is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TrajectoryFormat {
     /// `t x y z qx qy qz qw`
     Tum,

@@ -5,10 +5,11 @@ use crate::factor_graph::{Between, Graph, GraphError, Loss, Noise, Prior, Solver
 use crate::geometry::Pose;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-/// Two steps that are in the same place.
+/// Two steps that are in the same place, or a step that is in the map of an earlier drive.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tie {
-    pub older: usize,
+    /// `None` for the world: the map of an earlier drive stays where it is.
+    pub older: Option<usize>,
     pub newer: usize,
     pub older_from_newer: Pose,
     /// Of (forward, sideways, heading) of the newer one.
@@ -16,18 +17,26 @@ pub(super) struct Tie {
 }
 
 impl Tie {
-    /// The last step of a window is here: as seen from the older step that was closest.
-    pub fn new(world_from_robot: Pose, path: &[Pose], window: Window) -> Self {
+    /// The last step of a window is here: as seen from the older step that was closest, or in the world, if no older step was as
+    /// close as `near` \[m\].
+    pub fn new(world_from_robot: Pose, path: &[Pose], window: Window, near: f64) -> Self {
         let off = |step: &usize| (path[*step].position() - world_from_robot.position()).norm();
-        let older = (0..window.older).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
+        let closest = (0..window.older).min_by(|a, b| off(a).total_cmp(&off(b)));
+        let older = closest.filter(|step| off(step) <= near);
         let covariance = Matrix3::from_diagonal(&Vector3::from(TIE).map(|sigma| sigma * sigma));
-        Self { older, newer: window.last, older_from_newer: world_from_robot.seen_from(path[older]), covariance }
+        let older_from_newer = world_from_robot.seen_from(pose_of(older, path));
+        Self { older, newer: window.last, older_from_newer, covariance }
     }
 
     /// Whether a path has the two where this has them.
     pub fn holds(&self, path: &[Pose]) -> bool {
-        is_near(path[self.newer].seen_from(path[self.older]), self.older_from_newer, SAME)
+        is_near(path[self.newer].seen_from(pose_of(self.older, path)), self.older_from_newer, SAME)
     }
+}
+
+/// That of a step, or the origin of the world.
+pub(super) fn pose_of(step: Option<usize>, path: &[Pose]) -> Pose {
+    step.map_or(Pose::IDENTITY, |step| path[step])
 }
 
 /// A path that was bent.
@@ -90,18 +99,24 @@ impl Chain {
     fn solve(&self, path: &[Pose], ties: &[Tie], new: Option<&Tie>) -> Result<Bent, GraphError> {
         let mut values = Values::new();
         let steps: Vec<VariableId> = path.iter().map(|&pose| values.add_pose(pose)).collect();
-        let between = |tie: &Tie| Between::new(steps[tie.older], steps[tie.newer], tie.older_from_newer);
+        let add = |graph: &mut Graph, tie: &Tie| match tie.older {
+            Some(older) => {
+                let between = Between::new(steps[older], steps[tie.newer], tie.older_from_newer);
+                graph.add(between, noise(&tie.covariance)?)
+            }
+            None => graph.add(Prior::pose(steps[tie.newer], tie.older_from_newer), noise(&tie.covariance)?),
+        };
         let mut graph = Graph::new();
         graph.add(Prior::pose(steps[0], path[0]), Noise::sigmas(&ORIGIN)?)?;
         for (step, (&moved, covariance)) in self.motions.iter().zip(&self.covariances).enumerate().skip(1) {
             graph.add(Between::new(steps[step - 1], steps[step], moved), noise(covariance)?)?;
         }
         for tie in ties {
-            let term = graph.add(between(tie), noise(&tie.covariance)?)?;
+            let term = add(&mut graph, tie)?;
             graph.set_loss(term, Loss::Cauchy(TIE_TAIL))?;
         }
         if let Some(new) = new {
-            graph.add(between(new), noise(&new.covariance)?)?;
+            add(&mut graph, new)?;
         }
         let cost = Solver::default().solve(&graph, &mut values)?.error;
         let path: Result<Vec<Pose>, GraphError> = steps.into_iter().map(|step| values.pose(step)).collect();
@@ -167,7 +182,7 @@ mod tests {
         let mut path = vec![Pose::IDENTITY];
         motions[1..].iter().for_each(|&moved| path.push(path[path.len() - 1] * moved));
         let covariance = Matrix3::from_diagonal(&Vector3::from(TIE).map(|sigma| sigma * sigma));
-        let tie = Tie { older: 0, newer: 20, older_from_newer, covariance };
+        let tie = Tie { older: Some(0), newer: 20, older_from_newer, covariance };
         Chain::new(keyframes, &path, Doubt::OfMatches).bent(&path, &[], Some(&tie)).unwrap()
     }
 

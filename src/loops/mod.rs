@@ -7,6 +7,9 @@
 //!
 //! What was found is a hypothesis and no fact: rooms look alike. So it has to be the only place of its kind, the drift of this
 //! drive or matches that failed have to explain it, and the visits to all places have to agree better than before.
+//!
+//! In a run that continues the map of an earlier drive, that map is part of the older map, and it stays where it is: each step whose
+//! scan it explains is tied to it. So a loop bends the path only between the places that were known before.
 
 use crate::ablation::AblationConfig;
 use crate::evaluator::PosePrior;
@@ -15,19 +18,19 @@ use crate::evaluator::failover::Failover;
 use crate::evaluator::tiles::Tile;
 use crate::geometry::Pose;
 use crate::likelihood::{ClusterParams, LikelihoodConfig};
-use crate::map::MapCluster;
 use crate::map::matching::MatchingConfig;
 use crate::map::merging::MergingConfig;
+use crate::map::{LineMap, MapCluster};
 use crate::motion::Motion;
 use crate::parameters::parameters;
 use crate::ppca::Cluster;
 use crate::report::Loop;
-use bend::{Bent, Chain, Doubt, Tie};
+use bend::{Bent, Chain, Doubt, Tie, pose_of};
 use nalgebra::Point2;
 use one_map::OneMap;
 use rebuild::rebuild;
 use revisits::{agreement, revisits};
-use search::{Found, OlderMap, Query};
+use search::{BACK, Found, OlderMap, Query};
 
 mod bend;
 mod one_map;
@@ -60,13 +63,6 @@ pub struct Closer {
     pub ablation: AblationConfig,
 }
 
-impl Closer {
-    /// The same, but that no loop is searched for.
-    pub fn without_search(self) -> Self {
-        Self { loops: LoopConfig { search_distance: 0.0, ..self.loops }, ..self }
-    }
-}
-
 /// What a step of the filter leaves behind for loops.
 #[derive(Clone, Debug)]
 pub struct Keyframe {
@@ -94,6 +90,8 @@ pub struct Closed {
 /// Steps along the path, a window of metres at a time.
 #[derive(Debug, Default)]
 struct Drive {
+    /// The map of an earlier drive that this one continues, if it does.
+    earlier: LineMap,
     keyframes: Vec<Keyframe>,
     /// Way up to each step \[m\].
     travelled: Vec<f64>,
@@ -156,12 +154,12 @@ impl Drive {
 }
 
 impl Loops {
-    /// Nothing has been seen.
-    pub fn new(config: Closer) -> Self {
+    /// Nothing has been seen, except in an earlier drive: `earlier` is its map, in the world's frame, or empty.
+    pub fn new(config: Closer, earlier: LineMap) -> Self {
         Self {
-            older: OlderMap::new(&config),
+            older: OlderMap::new(&earlier, &config),
             config,
-            drive: Drive::default(),
+            drive: Drive { earlier, ..Drive::default() },
             searched: 0.0,
             ties: Vec::new(),
             tied: 0,
@@ -182,7 +180,8 @@ impl Loops {
     /// The loops that were found so far; `path` is `world_from_robot` at every step.
     pub fn found(&self, path: &[Pose]) -> Vec<Loop> {
         let is_closed = |found: &Loop| {
-            let older_from_robot = path[found.step as usize].seen_from(path[found.older as usize]);
+            let older = found.older.map(|step| step as usize);
+            let older_from_robot = path[found.step as usize].seen_from(pose_of(older, path));
             is_near(older_from_robot, found.older_from_robot, [3.0 * SAME[0], 3.0 * SAME[1]])
         };
         self.found.iter().map(|found| Loop { is_closed: is_closed(found), ..*found }).collect()
@@ -200,15 +199,17 @@ impl Loops {
         self.ties.extend(revisits(&self.drive, path, steps, &[], &self.config));
         let window = self.drive.window(path.len() - 1, &self.config.loops)?;
         let found = self.search(window, path, evaluator)?;
-        let new = Tie::new(found.world_from_robot, path, window);
-        let hypothesis = self.bend(path, &new)?;
+        // Without an earlier drive every place is one of this drive.
+        let near = if self.drive.earlier.clusters.is_empty() { f64::INFINITY } else { BACK };
+        let new = Tie::new(found.world_from_robot, path, window, near);
+        let hypothesis = self.bend(path, &new, window)?;
         let is_closed = hypothesis.cost <= FAILURE;
-        let [older, step] = [new.older, new.newer];
+        let step = new.newer;
         self.found.push(Loop {
             stamp: self.drive.keyframes[step].stamp,
-            older_stamp: self.drive.keyframes[older].stamp,
+            older_stamp: new.older.map(|older| self.drive.keyframes[older].stamp),
             step: step as u32,
-            older: older as u32,
+            older: new.older.map(|older| older as u32),
             older_from_robot: new.older_from_newer,
             correction: found.distance(path[step]),
             explained: found.explained,
@@ -216,7 +217,7 @@ impl Loops {
         });
         is_closed.then(|| {
             self.ties = hypothesis.ties;
-            rebuild(&self.drive.keyframes, &hypothesis.path, &self.config)
+            rebuild(&self.drive.earlier.clusters, &self.drive.keyframes, &hypothesis.path, &self.config)
         })
     }
 
@@ -224,7 +225,7 @@ impl Loops {
     /// is thought to be.
     fn search(&mut self, window: Window, path: &[Pose], evaluator: &mut Failover) -> Option<Found> {
         let robot = path[window.last];
-        self.older.follow(&self.drive.keyframes[..window.older], &path[..window.older], &self.config);
+        self.older.follow(&self.drive, path, window.older, &self.config);
         let query = self.drive.query(window, path, &self.config)?;
         let is_found = |found: &Found| found.explained >= LEAST_EXPLAINED;
         let is_here = |found: &Found| is_near(found.world_from_robot, robot, SAME);
@@ -238,24 +239,27 @@ impl Loops {
     }
 
     /// The path that closes this loop; `None` where the visits to all places agree no better on it: a place that looks alike.
-    fn bend(&self, path: &[Pose], new: &Tie) -> Option<Hypothesis> {
+    fn bend(&self, path: &[Pose], new: &Tie, window: Window) -> Option<Hypothesis> {
+        // Where in the earlier map the window is, is the question: what its scans were matched to there does not count.
+        let is_known = |tie: &&Tie| tie.older.is_some() || tie.newer < window.first;
+        let known: Vec<Tie> = self.ties.iter().filter(is_known).copied().collect();
         // As if no match had failed, first: where the drift explains the loop, nothing else is in doubt.
         for doubt in [Doubt::None, Doubt::OfMatches] {
             let chain = Chain::new(&self.drive.keyframes, path, doubt);
-            let before = chain.bent(path, &self.ties, None)?;
-            let Bent { mut path, cost } = chain.bent(path, &self.ties, Some(new))?;
+            let before = chain.bent(path, &known, None)?;
+            let Bent { mut path, cost } = chain.bent(path, &known, Some(new))?;
             let cost = cost - before.cost;
             if doubt == Doubt::None && cost > DRIFT {
                 continue;
             }
-            let mut ties = self.ties.clone();
+            let mut ties = known.clone();
             for _ in 0..PASSES {
                 ties = revisits(&self.drive, &path, 0..path.len(), &ties, &self.config);
                 // The ties of all visits tell where the robot was better than a window does.
                 Bent { path, .. } = chain.bent(&path, &ties, None)?;
             }
             let agreement = |path: &[Pose], ties: &[Tie]| agreement(&self.drive, path, ties, &self.config);
-            let agrees_better = agreement(&path, &ties) > agreement(&before.path, &self.ties);
+            let agrees_better = agreement(&path, &ties) > agreement(&before.path, &known);
             return agrees_better.then_some(Hypothesis { path, ties, cost });
         }
         None

@@ -17,13 +17,13 @@ pub(super) struct OneMap {
 }
 
 impl OneMap {
-    /// An empty map; its walls will be thickened to at most `capture_sigma` \[m\].
-    pub fn new(config: &Closer, capture_sigma: f64) -> Self {
-        Self {
-            pool: Pool::default(),
-            map: Map::default(),
-            table: ClusterTable::new(config.likelihood, config.ablation.latent, capture_sigma),
-        }
+    /// The map of an earlier drive, or an empty one; its walls will be thickened to at most `capture_sigma` \[m\].
+    pub fn new(earlier: &[Cluster], config: &Closer, capture_sigma: f64) -> Self {
+        let mut pool = Pool::default();
+        let map = Map::known(earlier, &mut pool, &config.merging);
+        let mut table = ClusterTable::new(config.likelihood, config.ablation.latent, capture_sigma);
+        table.update(&mut pool, Pose::IDENTITY);
+        Self { pool, map, table }
     }
 
     /// Table I, 6c-ii to v: merges the clusters of a scan, given in the robot's frame.

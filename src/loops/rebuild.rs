@@ -6,6 +6,7 @@ use crate::evaluator::pose::LocalPose;
 use crate::evaluator::tiles::reach;
 use crate::geometry::Pose;
 use crate::likelihood::ClusterParams;
+use crate::ppca::Cluster;
 
 /// How far off a path is that was bent \[m\]: what a pose graph spreads over a loop.
 const POSITION_SIGMA: f64 = 0.1;
@@ -18,13 +19,13 @@ const ITERATIONS: u32 = 5;
 /// Room around the points of a scan \[m\].
 const MARGIN: f32 = 1.0;
 
-/// Matches every scan to the map of those before it, from where the path has it, and merges it.
-pub(super) fn rebuild(keyframes: &[Keyframe], path: &[Pose], config: &Closer) -> Closed {
-    let mut map = OneMap::new(config, CAPTURE_SIGMA);
+/// Matches every scan to the map of an earlier drive and of the scans before it, from where the path has it, and merges it.
+pub(super) fn rebuild(earlier: &[Cluster], keyframes: &[Keyframe], path: &[Pose], config: &Closer) -> Closed {
+    let mut map = OneMap::new(earlier, config, CAPTURE_SIGMA);
     let mut rebuilt: Vec<Pose> = Vec::with_capacity(path.len());
     for (step, (keyframe, &pose)) in keyframes.iter().zip(path).enumerate() {
-        // There is no map to match the first scan to.
-        let matched = if step == 0 { pose } else { matched(&map, keyframe, pose) };
+        // Without an earlier drive there is no map to match the first scan to.
+        let matched = if step == 0 && earlier.is_empty() { pose } else { matched(&map, keyframe, pose) };
         // A scan that shows little may be matched to something else: the path knows better.
         let pose = if is_near(matched, pose, SAME) { matched } else { pose };
         map.merge(step as u32, pose, &keyframe.clusters, config);

@@ -1,6 +1,6 @@
 //! Ties between the visits to a place: the scan of a step, matched to the walls that an earlier visit saw there.
 
-use super::bend::{MOTION, Tie};
+use super::bend::{MOTION, Tie, pose_of};
 use super::{Closer, Drive, Keyframe, match_closely, share_behind};
 use crate::evaluator::cholesky::{packed, unpacked};
 use crate::evaluator::cpu::Matched;
@@ -32,18 +32,25 @@ const LEAST_EXPLAINED: f64 = 0.5;
 /// Motions from step to step by which the walls of a visit may err: as many as `AROUND` has, about.
 const MOTIONS: f64 = 10.0;
 
-/// Ties of these steps to earlier visits. Those known that the path holds, sorted by their newer step, are taken over.
+/// Ties of these steps to earlier visits, and to the map of an earlier drive. Those known that the path holds, sorted by their newer
+/// step, are taken over.
 pub(super) fn revisits(drive: &Drive, path: &[Pose], steps: Range<usize>, known: &[Tie], config: &Closer) -> Vec<Tie> {
     let of_step = |step: usize| -> Vec<Tie> {
         let known = &known[known.partition_point(|tie| tie.newer < step)..];
         let known = &known[..known.partition_point(|tie| tie.newer == step)];
-        let of_visit = |older: usize| {
+        let of_visit = |older: Option<usize>| {
             let is_same = |tie: &&Tie| {
-                (drive.travelled[tie.older] - drive.travelled[older]).abs() < 0.5 * AROUND && tie.holds(path)
+                let is_one_visit = match (tie.older, older) {
+                    (Some(one), Some(other)) => (drive.travelled[one] - drive.travelled[other]).abs() < 0.5 * AROUND,
+                    (one, other) => one == other,
+                };
+                is_one_visit && tie.holds(path)
             };
             known.iter().find(is_same).copied().or_else(|| tie(drive, path, older, step, config))
         };
-        nearest(drive, path, step, config.loops.window).into_iter().filter_map(of_visit).collect()
+        let earlier = (!drive.earlier.clusters.is_empty()).then_some(None);
+        let visits = nearest(drive, path, step, config.loops.window).into_iter().map(Some);
+        visits.chain(earlier).filter_map(of_visit).collect()
     };
     steps.into_par_iter().flat_map_iter(of_step).collect()
 }
@@ -86,13 +93,22 @@ fn nearest(drive: &Drive, path: &[Pose], step: usize, apart: f64) -> Vec<usize> 
     visits
 }
 
-/// Matches the scan of a step to what was seen around an older one.
-fn tie(drive: &Drive, path: &[Pose], older: usize, newer: usize, config: &Closer) -> Option<Tie> {
+/// Matches the scan of a step to what was seen around an older one, or to the map of an earlier drive.
+fn tie(drive: &Drive, path: &[Pose], older: Option<usize>, newer: usize, config: &Closer) -> Option<Tie> {
     let tiles = &drive.keyframes[newer].tiles;
-    let expected = path[newer].seen_from(path[older]);
-    let walls = walls_around(drive, path, older, expected, f64::from(reach(tiles)) + OFF[0], config);
+    let expected = path[newer].seen_from(pose_of(older, path));
+    let reach = f64::from(reach(tiles)) + OFF[0];
+    let walls = match older {
+        Some(older) => walls_around(drive, path, older, expected, reach, config),
+        None => {
+            let is_near = |wall: &&Cluster| wall.may_be_within(reach, expected.position());
+            drive.earlier.clusters.iter().filter(is_near).copied().collect()
+        }
+    };
 
-    let (origin, log_outlier) = (Point2::origin(), config.likelihood.log_outlier());
+    // Numbers of 32 bits are relative to a place near the robot.
+    let origin = if older.is_some() { Point2::origin() } else { expected.position().map(f64::round) };
+    let log_outlier = config.likelihood.log_outlier();
     let row = |wall| ClusterParams::new(wall, origin, &config.likelihood, config.ablation.latent);
     let rows: Vec<ClusterParams> = walls.iter().map(row).collect();
     let [position, heading] = OFF.map(|sigma| sigma.powi(-2));
@@ -173,12 +189,13 @@ mod tests {
 
     /// Errors of ties (forward, sideways, heading) against the true path.
     fn off(tie: &Tie, truth: &[Pose]) -> Vector3<f64> {
-        let Pose { x, y, heading } = tie.older_from_newer.seen_from(truth[tie.newer].seen_from(truth[tie.older]));
+        let Pose { x, y, heading } =
+            tie.older_from_newer.seen_from(truth[tie.newer].seen_from(pose_of(tie.older, truth)));
         Vector3::new(x, y, heading)
     }
 
-    /// Ties of every fifth step of the second half to the first half, where the path has the second half as `moved` says, and how
-    /// many steps were asked.
+    /// Ties of every fifth step of the second half to the first half and to an earlier drive, where the path has the second half as
+    /// `moved` says, and how many steps were asked.
     fn halves(drive: &Drive, truth: &[Pose], moved: impl Fn(Pose) -> Pose) -> (Vec<Tie>, usize) {
         let half = truth.len() / 2;
         let path: Vec<Pose> =
@@ -186,28 +203,45 @@ mod tests {
         let config = SlamConfig::default().closer();
         let steps = || (half..truth.len()).step_by(5);
         let of_step = |step: usize| revisits(drive, &path, step..step + 1, &[], &config);
-        (steps().flat_map(of_step).filter(|tie| tie.older < half).collect(), steps().count())
+        let is_asked = |tie: &Tie| tie.older.is_none_or(|older| older < half);
+        (steps().flat_map(of_step).filter(is_asked).collect(), steps().count())
     }
 
     /// The path has what comes later 20 cm and 3 degrees off: the ties have it where it is, within what they say of themselves.
-    #[test]
-    fn visits_are_tied_as_they_truly_were() {
-        let (drive, truth) = building();
-        let (ties, steps) = halves(&drive, &truth, |pose| pose * Pose::new(0.12, -0.16, 0.05));
+    fn assert_right(drive: &Drive, truth: &[Pose], of_earlier: bool, enough: usize) {
+        let (mut ties, steps) = halves(drive, truth, |pose| pose * Pose::new(0.12, -0.16, 0.05));
+        ties.retain(|tie| tie.older.is_none() == of_earlier);
         let right = ties.iter().filter(|tie| {
-            let off = off(tie, &truth);
+            let off = off(tie, truth);
             off.xy().norm() < 0.05 && off.z.abs() < 0.01
         });
         // 99 % of the χ² distribution of three degrees of freedom.
         let within = ties.iter().filter(|tie| {
-            let off = off(tie, &truth);
+            let off = off(tie, truth);
             tie.covariance.try_inverse().is_some_and(|information| off.dot(&(information * off)) < 11.345)
         });
         let (right, within) = (right.count(), within.count());
         println!("seed {SEED}: {steps} steps, {} ties, {right} right, {within} within their covariance", ties.len());
         // Along a corridor a tie knows little, and one of ten may be wrong.
         let least = |count: usize, share: f64| count as f64 >= share * ties.len() as f64;
-        assert!(ties.len() > 50 && least(right, 0.65) && least(within, 0.8), "seed {SEED}: {ties:?}");
+        assert!(ties.len() > enough && least(right, 0.65) && least(within, 0.8), "seed {SEED}: {ties:?}");
+    }
+
+    #[test]
+    fn visits_are_tied_as_they_truly_were() {
+        let (drive, truth) = building();
+        assert_right(&drive, &truth, false, 50);
+    }
+
+    /// The map of the earlier drive: what the first half saw, in the world.
+    #[test]
+    fn scans_are_tied_to_the_map_of_an_earlier_drive() {
+        let (mut drive, truth) = building();
+        for (keyframe, &pose) in drive.keyframes.iter().zip(&truth).take(truth.len() / 2) {
+            let walls = keyframe.clusters.iter().filter(|wall| wall.count >= 20.0);
+            drive.earlier.clusters.extend(walls.map(|wall| wall.transformed(pose)));
+        }
+        assert_right(&drive, &truth, true, 20);
     }
 
     /// The second half of the drive goes over the first again. Where it is laid a room beside it, or turned about, most visits to a
@@ -262,7 +296,7 @@ mod tests {
             let ties = revisits(&drive, &path, 20..21, &[], &config);
             assert_eq!(!ties.is_empty(), is_tied, "{partition:?}: {ties:?}");
             for tie in ties {
-                let truth = robot.seen_from(path[tie.older]);
+                let truth = robot.seen_from(pose_of(tie.older, &path));
                 assert!(is_near(tie.older_from_newer, truth, [0.02, 0.005]), "{tie:?}");
             }
         }

@@ -1,6 +1,6 @@
 //! Where in the older part of the map are the walls of the last metres?
 
-use super::{Closer, Keyframe, OneMap, is_near, share_behind};
+use super::{Closer, Drive, Keyframe, OneMap, is_near, share_behind};
 use crate::evaluator::cholesky::Cholesky;
 use crate::evaluator::failover::Failover;
 use crate::evaluator::pose::LocalPose;
@@ -8,7 +8,7 @@ use crate::evaluator::tiles::{Tile, reach, tiles};
 use crate::evaluator::{Advance, ITERATIONS, Propagation, Scene, Start, Weighed};
 use crate::geometry::{Pose, wrap_angle};
 use crate::likelihood::ClusterParams;
-use crate::map::Slot;
+use crate::map::{LineMap, Slot};
 use crate::ppca::Cluster;
 use crate::random::Draw;
 use nalgebra::Point2;
@@ -35,12 +35,14 @@ pub(super) struct Found {
     pub explained: f64,
 }
 
-/// The older part of the map.
+/// The older part of the map: that of an earlier drive, and what the steps saw that have become old.
 #[derive(Debug)]
 pub(super) struct OlderMap {
     map: OneMap,
-    /// The poses that it was made from.
+    /// The poses of these steps.
     path: Vec<Pose>,
+    /// Where the robot may be in the map of an earlier drive, on the grid of starts.
+    free: Vec<Point2<f64>>,
 }
 
 /// Points along walls lie this far apart \[m\].
@@ -55,7 +57,7 @@ const LEAST_SIGHTINGS: u32 = 2;
 const EDGE: f64 = 1.0;
 const HEADINGS: u32 = 24;
 /// A robot that is back is this close to where it was \[m\].
-const BACK: f64 = 2.0;
+pub(super) const BACK: f64 = 2.0;
 /// Standard deviation of a wall to find it from the next start \[m\]: half of what a start is off at most, for a wall 5 m away.
 const CAPTURE_SIGMA: f64 = 0.5;
 /// Number of the best places that are evaluated from the mode near them.
@@ -69,7 +71,7 @@ impl Query {
     /// Of these steps; `None` where they saw no wall.
     pub fn new(keyframes: &[Keyframe], path: &[Pose], config: &Closer) -> Option<Self> {
         let robot_from_world = path.last()?.inverse();
-        let mut map = OneMap::new(config, CAPTURE_SIGMA);
+        let mut map = OneMap::new(&[], config, CAPTURE_SIGMA);
         for (step, (keyframe, &pose)) in keyframes.iter().zip(path).enumerate() {
             map.merge(step as u32, pose, &keyframe.clusters, config);
         }
@@ -104,22 +106,26 @@ impl Found {
 }
 
 impl OlderMap {
-    pub fn new(config: &Closer) -> Self {
-        Self { map: OneMap::new(config, CAPTURE_SIGMA), path: Vec::new() }
+    pub fn new(earlier: &LineMap, config: &Closer) -> Self {
+        let free = earlier.free.as_ref().map_or_else(Vec::new, |free| free.points(EDGE));
+        Self { map: OneMap::new(&earlier.clusters, config, CAPTURE_SIGMA), path: Vec::new(), free }
     }
 
-    /// Takes in the steps that have become old; all of them again where the path has moved.
-    pub fn follow(&mut self, keyframes: &[Keyframe], path: &[Pose], config: &Closer) {
+    /// Takes in the steps before `older`; all of them again where the path has moved.
+    pub fn follow(&mut self, drive: &Drive, path: &[Pose], older: usize, config: &Closer) {
         if self.path.iter().zip(path).any(|(was, is)| !is_near(*was, *is, MOVED)) {
-            *self = Self::new(config);
+            self.map = OneMap::new(&drive.earlier.clusters, config, CAPTURE_SIGMA);
+            self.path.clear();
         }
-        for step in self.path.len()..keyframes.len() {
-            self.map.merge(step as u32, path[step], &keyframes[step].clusters, config);
-            self.path.push(path[step]);
+        let steps = drive.keyframes.iter().zip(path).enumerate();
+        for (step, (keyframe, &pose)) in steps.take(older).skip(self.path.len()) {
+            self.map.merge(step as u32, pose, &keyframe.clusters, config);
+            self.path.push(pose);
         }
     }
 
-    /// The places where the walls of the query are, anywhere near the older path, those first that explain most of it.
+    /// The places where the walls of the query are, anywhere near the older path or free in the map of an earlier drive, those first
+    /// that explain most of it.
     pub fn search(&self, query: &Query, evaluator: &mut Failover) -> Vec<Found> {
         self.best_of(&self.starts(), CLOSELY, query, evaluator)
     }
@@ -176,18 +182,19 @@ impl OlderMap {
         found
     }
 
-    /// All places near the older path, in any direction; neighbours close together.
+    /// All places near the older path and in the free area, in any direction; neighbours close together.
     fn starts(&self) -> Vec<Pose> {
         let cell = |number: f64| (number / EDGE).round() as i32;
         let back = (BACK / EDGE).ceil() as i32;
-        let mut cells = BTreeSet::new();
+        // Blocks first, so that those that follow each other are close together.
+        let ordered = |x: i32, y: i32| (x.div_euclid(4), y.div_euclid(4), x, y);
+        let mut cells: BTreeSet<_> = self.free.iter().map(|free| ordered(cell(free.x), cell(free.y))).collect();
         for pose in &self.path {
             let (x, y) = (cell(pose.x), cell(pose.y));
             for (x, y) in (x - back..=x + back).flat_map(|x| (y - back..=y + back).map(move |y| (x, y))) {
                 let middle = Point2::new(f64::from(x) * EDGE, f64::from(y) * EDGE);
                 if (middle - pose.position()).norm() <= BACK {
-                    // Blocks first, so that those that follow each other are close together.
-                    cells.insert((x.div_euclid(4), y.div_euclid(4), x, y));
+                    cells.insert(ordered(x, y));
                 }
             }
         }

@@ -5,6 +5,7 @@
 
 use crate::grid::FreeArea;
 use crate::ppca::Cluster;
+use merging::MergingConfig;
 use nalgebra::Vector2;
 
 mod from_grid;
@@ -72,6 +73,15 @@ pub struct Pool {
 pub struct Map {
     /// The clusters of this map.
     pub slots: Vec<Slot>,
+}
+
+impl Map {
+    /// The map of an earlier drive, its walls seen often enough to be no clutter.
+    pub fn known(walls: &[Cluster], pool: &mut Pool, merging: &MergingConfig) -> Self {
+        let sightings = merging.min_sightings;
+        let slots = walls.iter().map(|&cluster| pool.insert(MapCluster { cluster, last_step: 0, sightings })).collect();
+        Self { slots }
+    }
 }
 
 impl Pool {

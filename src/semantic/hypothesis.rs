@@ -2,8 +2,8 @@
 //! pose, odometry's calibration and landmarks that follows from it.
 
 use super::keyframes::Keyframe;
-use super::linear::{Linear, Pair};
-use super::sensor_model::{SensorModel, log_normal};
+use super::linear::{Linear, Pair, log_normal};
+use super::sensor_model::SensorModel;
 use super::world::{Moved, World};
 use crate::association::{Table, best_assignments};
 use nalgebra::{Cholesky, DMatrix, DVector};

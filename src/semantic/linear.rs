@@ -1,9 +1,13 @@
 //! The algebra of the filter: products of the covariance Σ of pose, calibration and landmarks with the derivatives H of
 //! what is seen. Matrices of one pair have a fixed size, those of a frame or of the whole map have not.
 
-use super::sensor_model::{LOSS_SCALE, log_normal};
 use crate::factor_graph::Prediction;
 use nalgebra::{Cholesky, DMatrix, DVector, SMatrix, SVector};
+use std::f64::consts::TAU;
+
+/// Scale c of Cauchy's loss ½ c² ln(1 + d²/c²), in standard deviations: real detections have gross outliers, and of a few hundred
+/// normal errors none is expected beyond three standard deviations.
+pub const LOSS_SCALE: f64 = 3.0;
 
 /// A detection and a landmark that it may show, whose numbers start at the row `first` of Σ.
 #[derive(Clone, Copy, Debug)]
@@ -139,4 +143,9 @@ impl<const P: usize, const D: usize> Linear for Prediction<P, D> {
         grown.view_mut((before, before), (D, D)).copy_from(&own);
         grown
     }
+}
+
+/// The logarithm of a normal density of some dimension, by the squared distance and the covariance's log-determinant.
+pub fn log_normal(squared: f64, log_determinant: f64, dimension: usize) -> f64 {
+    -0.5 * (squared + log_determinant + dimension as f64 * TAU.ln())
 }

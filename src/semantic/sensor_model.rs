@@ -1,15 +1,11 @@
 //! Densities of detections and motions.
 
-use super::linear::Linear;
+use super::linear::{LOSS_SCALE, Linear};
 use super::world::World;
 use crate::association::class_log_likelihood;
 use crate::detections::Motion;
 use nalgebra::DMatrix;
-use std::f64::consts::TAU;
 
-/// Scale c of Cauchy's loss ½ c² ln(1 + d²/c²), in standard deviations: real detections have gross outliers, and of a few hundred
-/// normal errors none is expected beyond three standard deviations.
-pub const LOSS_SCALE: f64 = 3.0;
 /// Lower bound of the probability of a label: no real detector is free of confusions.
 const MIN_CONFUSION: f64 = 1e-3;
 /// No motion is known better than this \[m, rad\].
@@ -140,9 +136,4 @@ pub fn squared_errors<W: World>(prediction: &W::Prediction, seen: &W::Detection)
     let mut errors = W::innovation(prediction, seen);
     errors.as_mut().iter_mut().for_each(|error| *error *= *error);
     errors
-}
-
-/// The logarithm of a normal density of some dimension, by the squared distance and the covariance's log-determinant.
-pub fn log_normal(squared: f64, log_determinant: f64, dimension: usize) -> f64 {
-    -0.5 * (squared + log_determinant + dimension as f64 * TAU.ln())
 }

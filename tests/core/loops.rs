@@ -6,8 +6,10 @@ use ipslam::config::SlamConfig;
 use ipslam::evaluator::failover::Failover;
 use ipslam::evaluator::tiles::tiles;
 use ipslam::geometry::Pose;
+use ipslam::grid::{FreeArea, GridBuilder, RESOLUTION};
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::loops::{Closed, Keyframe, LoopConfig, Loops};
+use ipslam::map::{LineMap, MapCluster};
 use ipslam::motion::Travel;
 use ipslam::report::Loop;
 use ipslam::scan::Scan;
@@ -32,8 +34,20 @@ fn steps(config: &SlamConfig) -> Vec<(Pose, Scan)> {
 /// Follows the steps with motions that are true but for one, which is turned by `torn` \[rad\] where odometry is not. The path in the
 /// end, seen from its first pose, and the loops.
 fn follow(steps: &[(Pose, Scan)], torn: f64, config: &SlamConfig) -> (Vec<Pose>, Vec<Loop>) {
-    let mut loops = Loops::new(config.closer());
-    let mut path: Vec<Pose> = Vec::new();
+    let (path, found, _) = follow_in(&LineMap::default(), steps, Pose::IDENTITY, torn, config);
+    (path, found)
+}
+
+/// The same from this pose in the map of an earlier drive, and the last map that was rebuilt.
+fn follow_in(
+    earlier: &LineMap,
+    steps: &[(Pose, Scan)],
+    first: Pose,
+    torn: f64,
+    config: &SlamConfig,
+) -> (Vec<Pose>, Vec<Loop>, Vec<MapCluster>) {
+    let mut loops = Loops::new(config.closer(), earlier.clone());
+    let (mut path, mut rebuilt) = (Vec::<Pose>::new(), Vec::new());
     for (number, (truth, scan)) in steps.iter().enumerate() {
         let moved = truth.seen_from(steps[number.saturating_sub(1)].0);
         let by_odometry = Travel::measured(moved).motion(&config.motion, Pose::IDENTITY);
@@ -41,7 +55,7 @@ fn follow(steps: &[(Pose, Scan)], torn: f64, config: &SlamConfig) -> (Vec<Pose>,
         let mut tracked = by_odometry;
         tracked.mean = Pose { heading: moved.heading + turn, ..moved };
         tracked.covariance *= 1e-4;
-        path.push(path.last().map_or(Pose::IDENTITY, |&last| last * tracked.mean));
+        path.push(path.last().map_or(first, |&last| last * tracked.mean));
         loops.add(Keyframe {
             stamp: scan.stamp,
             tiles: tiles(&scan.points, config.likelihood.max_points),
@@ -53,11 +67,11 @@ fn follow(steps: &[(Pose, Scan)], torn: f64, config: &SlamConfig) -> (Vec<Pose>,
             && let Some(Closed { path: bent, map }) = loops.close(&path, &mut Failover::new(None))
         {
             assert!(bent.len() == path.len() && !map.is_empty());
-            path = bent;
+            (path, rebuilt) = (bent, map);
         }
     }
     let found = loops.found(&path);
-    (path, found)
+    (path, found, rebuilt)
 }
 
 /// The greatest distance from the truth, seen from the first pose \[m\].
@@ -99,9 +113,9 @@ fn a_torn_path_is_bent_where_the_robot_comes_back() {
     let closed: Vec<&Loop> = found.iter().filter(|found| found.is_closed).collect();
     assert!(!closed.is_empty(), "{found:?}");
     for Loop { step, older, older_from_robot, .. } in closed {
-        let truth = steps[*step as usize].0.seen_from(steps[*older as usize].0);
+        let truth = steps[*step as usize].0.seen_from(steps[older.unwrap() as usize].0);
         let apart = older_from_robot.seen_from(truth);
-        assert!(apart.x.hypot(apart.y) < 0.3 && apart.heading.abs() < 0.1, "step {step}, older {older}: {apart:?}");
+        assert!(apart.x.hypot(apart.y) < 0.3 && apart.heading.abs() < 0.1, "step {step}, older {older:?}: {apart:?}");
     }
 }
 
@@ -112,4 +126,49 @@ fn a_true_path_stays() {
     let steps = steps(&config);
     let (path, found) = follow(&steps, 0.0, &config);
     assert!(off(&path, &steps) < 1e-6, "{found:?}");
+}
+
+/// The map of the first fifth of the drive, in the frame of the truth. The second drive begins near its end, leaves it, is torn there
+/// and comes back to where it never was itself: the path is whole again, and what was in the known map stays where it was.
+#[test]
+fn a_drive_that_continues_comes_back_to_the_map_of_the_earlier_one() {
+    let config = SlamConfig::default();
+    let steps = steps(&config);
+    let known = steps.len() / 5;
+    let (mut clusters, mut grid) = (Vec::new(), GridBuilder::new(RESOLUTION));
+    for (truth, scan) in &steps[..known] {
+        let walls = cluster_scan(scan, &config.clustering).clusters;
+        clusters.extend(walls.iter().map(|wall| wall.transformed(*truth)));
+        grid.add_scan(scan, Pose::IDENTITY, *truth);
+    }
+    let free = FreeArea::from_grid(&grid.finish().unwrap(), [steps[0].0.position()]);
+    assert!(free.is_some());
+    let earlier = LineMap { clusters, free };
+
+    let second = &steps[known - 10..known + 300];
+    let off = |path: &[Pose], steps: std::ops::Range<usize>| {
+        let distance = |step: usize| (path[step].position() - second[step].0.position()).norm();
+        steps.map(distance).fold(0.0, f64::max)
+    };
+    let never = SlamConfig { loops: LoopConfig { search_distance: 0.0, ..config.loops }, ..config };
+    let (torn, none, _) = follow_in(&earlier, second, second[0].0, 0.3, &never);
+    assert!(none.is_empty() && off(&torn, 0..second.len()) > 3.0, "the path is not torn");
+    let (path, found, map) = follow_in(&earlier, second, second[0].0, 0.3, &config);
+    println!("seed {SEED}: {} m off, then {} m; {found:?}", off(&torn, 0..second.len()), off(&path, 0..second.len()));
+    assert!(off(&path, 0..second.len()) < 0.5, "seed {SEED}: {} m off; {found:?}", off(&path, 0..second.len()));
+    assert!(off(&path, 0..10) < 0.05, "seed {SEED}: the known part has moved by {} m", off(&path, 0..10));
+    let into_earlier = |found: &&Loop| found.is_closed && found.older.is_none() && found.older_stamp.is_none();
+    assert!(found.iter().any(|found| into_earlier(&found)), "{found:?}");
+    // The map holds both drives.
+    let most = |axis: usize| map.iter().map(|wall| wall.cluster.mean[axis]).fold(f64::MIN, f64::max);
+    println!("{} walls, up to {} and {}", map.len(), most(0), most(1));
+    let kept = earlier.clusters.iter().filter(|wall| wall.count > 20.0).filter(|wall| {
+        map.iter().any(|other| {
+            let offset = wall.mean - other.cluster.mean;
+            offset.dot(&other.cluster.normal()).abs() < 0.1
+                && offset.dot(&other.cluster.direction).abs() < 0.5 * other.cluster.length() + 0.1
+        })
+    });
+    let all = earlier.clusters.iter().filter(|wall| wall.count > 20.0).count();
+    assert!(kept.count() * 20 > all * 19, "walls of the earlier drive are lost");
 }

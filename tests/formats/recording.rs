@@ -105,7 +105,7 @@ fn xy(isometry: Isometry2<f64>) -> [f64; 2] {
 
 fn info() -> RunInfo {
     let config = SlamConfig { seed: 77, ..SlamConfig::paper() };
-    RunInfo { log: "a test".to_owned(), device: "CPU".to_owned(), config: Config::Slam(config) }
+    RunInfo { log: "a test".to_owned(), device: "CPU".to_owned(), config: Config::Slam(config), continues: None }
 }
 
 /// A drive along an arc, in a world where odometry starts elsewhere, turned, and drifts.

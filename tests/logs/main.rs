@@ -12,7 +12,6 @@ mod program;
 #[path = "../common/python.rs"]
 mod python;
 mod semantic;
-mod space;
 mod visual_inertial;
 
 fn main() {
@@ -22,7 +21,6 @@ fn main() {
         pipeline::trials(),
         program::trials(),
         semantic::trials(),
-        space::trials(),
         visual_inertial::trials(),
     ];
     let trials = trials.into_iter().flatten().collect();

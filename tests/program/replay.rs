@@ -1,7 +1,9 @@
 //! Recorded runs are read back, run again, verified and compared; a run that is killed leaves what it did.
 use ipslam::config::{Config, SlamConfig};
+use ipslam::io::carmen::CarmenWriter;
+use ipslam::io::map_json;
 use ipslam::log::{LogEntry, LogSource};
-use ipslam::pipeline::RunInfo;
+use ipslam::pipeline::{Continued, RunInfo};
 use ipslam::random::{self, Draw};
 use ipslam::record::rerun::read::{ReadError, RecordedRun};
 use ipslam::record::rerun::{Level, RerunObserver};
@@ -18,7 +20,7 @@ fn config() -> SlamConfig {
 }
 
 fn info() -> RunInfo {
-    RunInfo { log: "building".to_owned(), device: "CPU".to_owned(), config: Config::Slam(config()) }
+    RunInfo { log: "building".to_owned(), device: "CPU".to_owned(), config: Config::Slam(config()), continues: None }
 }
 
 fn entries(count: usize) -> Vec<LogEntry> {
@@ -145,6 +147,35 @@ fn a_replay_is_the_run_to_the_last_bit() {
 
     let done = ipslam(folder.path(), &["replay", "run.rrd", "--verify", "--seed", "9"]);
     assert_eq!(done.status.code(), Some(2));
+}
+
+/// The recording holds the map of the earlier drive, its free area, and where the second drive began.
+#[test]
+fn a_run_that_continues_is_replayed() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer = CarmenWriter::new(Vec::new());
+    entries(400).iter().for_each(|entry| writer.write(entry).unwrap());
+    std::fs::write(folder.path().join("drive.clf"), writer.finish().unwrap()).unwrap();
+    let few = ["run", "drive.clf", "--maps", "4", "--particles", "8", "--backend", "cpu", "--out"];
+    let done = ipslam(folder.path(), &[&few[..], &["one"]].concat());
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let continued = ["two", "--continue", "one", "--start", "0,0,0", "--record", "run.rrd"];
+    let done = ipslam(folder.path(), &[&few[..], &continued].concat());
+    assert!(done.status.success(), "{}", text(&done.stderr));
+
+    let run = RecordedRun::open(&folder.path().join("run.rrd")).unwrap();
+    let Continued { map, world_from_robot, .. } = run.store().info.continues.clone().unwrap();
+    assert_eq!(map, map_json::read_map(&folder.path().join("one/map.json")).unwrap());
+    assert!(map.free.is_some() && world_from_robot.position().coords.norm() < 0.2, "{world_from_robot:?}");
+
+    let done = ipslam(folder.path(), &["replay", "run.rrd", "--verify", "--out", "replayed", "--cell-size", "0.1"]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    assert!(text(&done.stdout).contains("identical bit for bit"), "{}", text(&done.stdout));
+    let walls = |out: &str| map_json::read_map(&folder.path().join(out).join("map.json")).unwrap().clusters;
+    assert!(walls("two") == walls("replayed") && walls("two") != walls("one"));
+    let summary = std::fs::read(folder.path().join("replayed/summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
+    assert_eq!(summary["continues"]["map"], "one/map.json");
 }
 
 #[test]

@@ -17,10 +17,10 @@ mod track;
 
 pub use inertial::Inertial;
 pub use landmark::{Prediction, RangeBearing, Sighting};
-pub use motion::{Between, Between3, Walk};
+pub use motion::{Between, Walk};
 pub use odometry::{Odometry, Odometry3};
 pub use prior::Prior;
-pub use projection::{Projection, Sighting3, Stereo, StereoCamera};
+pub use projection::{Stereo, StereoCamera};
 pub use track::Track;
 
 /// The derivative of a residual: a row for each of its numbers, and a column for each degree of freedom of the

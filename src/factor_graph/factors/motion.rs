@@ -66,49 +66,6 @@ impl Factor for Between {
     }
 }
 
-/// A pose of space seen from another one: e = log(measured⁻¹ · from⁻¹ · to), (translation \[m\], rotation vector
-/// \[rad\]).
-#[derive(Clone, Debug, PartialEq)]
-pub struct Between3 {
-    variables: [VariableId; 2],
-    from_to: Pose3,
-}
-
-impl Between3 {
-    /// `from_to` is the measured pose of `to` in the frame of `from`.
-    pub fn new(from: VariableId, to: VariableId, from_to: Pose3) -> Self {
-        Self { variables: [from, to], from_to }
-    }
-}
-
-impl Factor for Between3 {
-    fn variables(&self) -> &[VariableId] {
-        &self.variables
-    }
-
-    fn dimension(&self) -> usize {
-        6
-    }
-
-    fn evaluate(
-        &self,
-        values: &Values,
-        residual: &mut [f64],
-        jacobian: Option<&mut Jacobian<'_>>,
-    ) -> Result<(), GraphError> {
-        let [from, to] = self.variables;
-        let from_to = values.pose3(to)?.seen_from(values.pose3(from)?);
-        let (error, derivative) = pose3_error(self.from_to, from_to);
-        residual.copy_from_slice(error.as_slice());
-        if let Some(jacobian) = jacobian {
-            // A step of `from` is a step of `to` backwards, carried to where `to` is.
-            jacobian.fixed_view_mut::<6, 6>(0, 0).copy_from(&(-derivative * from_to.inverse().adjoint()));
-            jacobian.fixed_view_mut::<6, 6>(0, 6).copy_from(&derivative);
-        }
-        Ok(())
-    }
-}
-
 /// A vector that wanders, such as a bias: e = to - from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Walk {

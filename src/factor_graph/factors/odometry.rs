@@ -77,8 +77,6 @@ impl Factor for Odometry {
 /// numbers, scale s and turn scale t:
 ///
 /// m = exp(s u, t w), e = log(m⁻¹ · from⁻¹ · to)
-///
-/// With (1, 1) it is that of [`Between3`](super::Between3).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Odometry3 {
     variables: [VariableId; 3],

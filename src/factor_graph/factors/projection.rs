@@ -3,7 +3,7 @@
 use super::{Factor, Jacobian, Prediction};
 use crate::factor_graph::{GraphError, Values, VariableId};
 use crate::geometry::{Pinhole, Pose3};
-use nalgebra::{Matrix3, Matrix3x6, Point2, Point3, RowVector3, Vector3};
+use nalgebra::{Matrix3, Matrix3x6, Point3, RowVector3, Vector3};
 
 /// A point in the frame of a sensor on a robot.
 struct Seen {
@@ -26,61 +26,7 @@ impl Seen {
     }
 }
 
-/// A point in the picture of a camera: e = π(q) - measured \[pixels\], with q the point in the camera's frame. Where it is
-/// not ahead of the camera, the residual is not finite.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Projection {
-    variables: [VariableId; 2],
-    measured: Point2<f64>,
-    camera: Pinhole,
-    robot_from_camera: Pose3,
-}
-
-impl Projection {
-    /// `measured` is the pixel where `point` is seen from `pose`, such as the centre of an object's box.
-    pub fn new(
-        pose: VariableId,
-        point: VariableId,
-        measured: Point2<f64>,
-        camera: Pinhole,
-        robot_from_camera: Pose3,
-    ) -> Self {
-        Self { variables: [pose, point], measured, camera, robot_from_camera }
-    }
-}
-
-impl Factor for Projection {
-    fn variables(&self) -> &[VariableId] {
-        &self.variables
-    }
-
-    fn dimension(&self) -> usize {
-        2
-    }
-
-    fn evaluate(
-        &self,
-        values: &Values,
-        residual: &mut [f64],
-        jacobian: Option<&mut Jacobian<'_>>,
-    ) -> Result<(), GraphError> {
-        let [pose, point] = self.variables;
-        let Seen { point, by_pose, by_point } =
-            Seen::new(values.pose3(pose)?, values.point3(point)?, self.robot_from_camera);
-        let Some((pixel, by_seen)) = self.camera.project(point) else {
-            residual.fill(f64::NAN);
-            return Ok(());
-        };
-        residual.copy_from_slice((pixel - self.measured).as_slice());
-        if let Some(jacobian) = jacobian {
-            jacobian.fixed_view_mut::<2, 6>(0, 0).copy_from(&(by_seen * by_pose));
-            jacobian.fixed_view_mut::<2, 3>(0, 6).copy_from(&(by_seen * by_point));
-        }
-        Ok(())
-    }
-}
-
-/// A camera that also tells how far a point is: with two cameras, or because the size of what is there is known.
+/// A camera that also measures the depth of a point: with two cameras, or because the size of the object is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StereoCamera {
     /// The camera; of two the left one.
@@ -152,48 +98,6 @@ impl Factor for Stereo {
             return Ok(());
         };
         residual.copy_from_slice((mean - self.measured).as_slice());
-        if let Some(jacobian) = jacobian {
-            jacobian.fixed_view_mut::<3, 6>(0, 0).copy_from(&by_pose);
-            jacobian.fixed_view_mut::<3, 3>(0, 6).copy_from(&by_point);
-        }
-        Ok(())
-    }
-}
-
-/// The place of a point of space: e = q - measured \[m\], with q the point in the sensor's frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Sighting3 {
-    variables: [VariableId; 2],
-    measured: Point3<f64>,
-    robot_from_sensor: Pose3,
-}
-
-impl Sighting3 {
-    /// `measured` is the place of `point` in the frame of the sensor on `pose` \[m\].
-    pub fn new(pose: VariableId, point: VariableId, measured: Point3<f64>, robot_from_sensor: Pose3) -> Self {
-        Self { variables: [pose, point], measured, robot_from_sensor }
-    }
-}
-
-impl Factor for Sighting3 {
-    fn variables(&self) -> &[VariableId] {
-        &self.variables
-    }
-
-    fn dimension(&self) -> usize {
-        3
-    }
-
-    fn evaluate(
-        &self,
-        values: &Values,
-        residual: &mut [f64],
-        jacobian: Option<&mut Jacobian<'_>>,
-    ) -> Result<(), GraphError> {
-        let [pose, point] = self.variables;
-        let Seen { point, by_pose, by_point } =
-            Seen::new(values.pose3(pose)?, values.point3(point)?, self.robot_from_sensor);
-        residual.copy_from_slice((point - self.measured.coords).as_slice());
         if let Some(jacobian) = jacobian {
             jacobian.fixed_view_mut::<3, 6>(0, 0).copy_from(&by_pose);
             jacobian.fixed_view_mut::<3, 3>(0, 6).copy_from(&by_point);

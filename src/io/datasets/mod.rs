@@ -26,6 +26,7 @@ mod victoria_park;
 
 /// A set that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Dataset {
     /// UTIAS MR.CLAM: five robots among barcoded tubes (Leung, Halpern, Barfoot, Liu, IJRR 30(8), 2011).
     MrClam,
@@ -39,6 +40,7 @@ pub enum Dataset {
 
 /// A set of a robot of space that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Dataset3 {
     /// "Starry Night": a rig of two cameras over points of light (Barfoot, State Estimation for Robotics).
     StarryNight,
@@ -83,6 +85,7 @@ pub type Converted3 = Converted<Recording3, StampedPose3, 3>;
 
 /// Why a set cannot be converted.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ConvertError {
     /// A file of it cannot be read.
     #[error(transparent)]

@@ -15,7 +15,9 @@
 //! | [`CONFIDENCE`] | share of the weight around the pose, and share of the scan explained there | every step in a known map |
 //! | [`PARTICLE_COUNT`] | log₁₀ of the number of particles | every step in a known map |
 //! | [`SECONDS`] | seconds by stage, in the order of [`StageTimes::NAMES`] | every step |
-//! | [`ABOUT`] | TOML: program, version, log, device, configuration with its seed | at the start |
+//! | [`ABOUT`] | TOML: program, version, log, device, the earlier drive that is continued, configuration with its seed | at the start |
+//! | [`EARLIER_WALLS`] | mean x, y, direction x, y, variances along and across, number of points of each wall of an earlier drive | at the start |
+//! | [`EARLIER_FREE`] | its free area: side of a cell, x, y, heading of the raster; then of each row its number and its runs, start and end | at the start |
 //! | [`LASER`] | x, y, heading and stamp of odometry, mounting x, y, heading, angle of the first beam and from one to the next, maximum range, motion during the sweep x, y, heading, all ranges | every reading |
 //! | [`ODOMETRY_READING`], [`TRUTH`] | x, y, heading, stamp | every reading |
 //! | [`POSE`] | x, y and heading of the best particle, as f64 | every step |
@@ -24,7 +26,7 @@
 //! | [`PARENTS`] | for each map the number of the one that it was before the step | every step, if in full |
 //! | [`RESULT`] | checksum of the result, and 1 where it was smoothed | at the end |
 //!
-//! Where two runs stand side by side, the paths of each lie under a root of its own: [`RECORDED`], [`REPLAYED`].
+//! With two runs side by side, the paths of each have a root: [`RECORDED`], [`REPLAYED`].
 //!
 //! Everything under [`WORLD`] is in the world's frame in metres, and odometry is moved as a whole so that it starts at
 //! the robot's first pose. What is under [`STEP`] is cleared at the end of the run.
@@ -54,11 +56,15 @@ pub const ENTRY_TIMELINE: &str = "entry";
 
 /// What the run was started with.
 pub const ABOUT: &str = "run/about";
+/// Walls of the earlier drive whose map is continued.
+pub const EARLIER_WALLS: &str = "run/earlier/walls";
+/// Free area of that map.
+pub const EARLIER_FREE: &str = "run/earlier/free";
 /// Laser readings, as they came.
 pub const LASER: &str = "run/log/laser";
 /// Odometry, as it came.
 pub const ODOMETRY_READING: &str = "run/log/odometry";
-/// True poses that the log tells.
+/// True poses in the log.
 pub const TRUTH: &str = "run/log/truth";
 /// Pose of the best particle.
 pub const POSE: &str = "run/step/pose";
@@ -126,7 +132,7 @@ const DRIFT: [u8; 3] = [214, 140, 40];
 const LOCATED: [u8; 3] = [60, 220, 110];
 const LOST: [u8; 3] = [150, 150, 150];
 
-/// The entity of a path of this module in a run whose paths lie under `root`; empty where there is one run alone.
+/// The entity of a path of this module in a run whose paths lie under `root`; empty for a single run.
 pub(super) fn under(root: &str, path: &str) -> String {
     if root.is_empty() { path.to_owned() } else { format!("{root}/{path}") }
 }
@@ -145,7 +151,7 @@ pub(super) fn log_styles(stream: &RecordingStream, root: &str) -> RecordingStrea
     log_trajectory_style(stream, &at(TRAJECTORY))?;
     log_odometry_style(stream, &at(ODOMETRY))?;
 
-    // Two runs share a plot: the names tell which is which.
+    // Two runs share a plot, so the name of each series has its root.
     let named = |name: &str| if root.is_empty() { name.to_owned() } else { format!("{root}: {name}") };
     let (size, clusters) = if root == RECORDED { (PATH, DRIFT) } else { (SCAN, MAP) };
     let line = |name, rgb| SeriesLines::new().with_names([named(name)]).with_colors([colour(rgb)]).with_widths([1.5]);
@@ -173,7 +179,7 @@ pub(super) fn log_odometry_style(stream: &RecordingStream, path: &str) -> Record
 /// The map, large, and three plots beside it.
 pub(super) fn views(config: &Config) -> Blueprint {
     let (legend, first, second) = match config {
-        // Objects are recorded in a layout of their own.
+        // Recordings of objects have another blueprint.
         Config::Slam(_) | Config::Semantic(_) => (
             LEGEND,
             plot("Effective sample size", ["plots/particles/**".to_owned()]),
@@ -220,7 +226,7 @@ pub(super) fn plot(name: &str, contents: impl IntoIterator<Item = String>) -> Co
 }
 
 pub(super) fn whole(views: ContainerLike) -> Blueprint {
-    // The end of the run tells most; from there one winds back.
+    // The end of the run shows the whole map.
     let time = TimePanel::new().with_timeline(STEP_TIMELINE).with_play_state(PlayState::Following);
     let time = time.with_state(PanelState::Collapsed);
     Blueprint::new(views)

@@ -1,7 +1,7 @@
 //! The chunks of a recording, one after the other, so that memory does not grow with its length.
 
 use super::frames::Frames;
-use super::read::ReadError;
+use crate::config::ConfigError;
 use ::rerun::StoreKind;
 use ::rerun::external::re_log_encoding::DecoderApp;
 use ::rerun::external::re_log_types::{LogMsg, StoreId};
@@ -13,12 +13,44 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+/// Why a recording could not be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReadError {
+    /// The file cannot be opened.
+    #[error("{path}: cannot be opened: {source}")]
+    Open {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is no recording of ipslam.
+    #[error("{path}: {reason}; a recording is needed that `ipslam run --record` of this version made")]
+    NotARecording {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        reason: String,
+    },
+    /// Its configuration is none that this version knows.
+    #[error("{path}: recorded by version {version}: {source}")]
+    Configuration {
+        /// The file.
+        path: PathBuf,
+        /// Of the program that made it.
+        version: String,
+        /// What is wrong.
+        source: Box<ConfigError>,
+    },
+}
+
 /// The chunks of the one recording in a file, in the order in which they were written, each with where its frame begins
 /// \[bytes\].
 pub(super) struct Chunks {
     path: PathBuf,
     frames: Frames<File>,
-    /// The frames to read, by where they begin, and how many of them were read; all where there is no list.
+    /// The frames to read, by where they begin, and how many of them were read; without a list, all are read.
     places: Option<Arc<[u64]>>,
     read: usize,
     decoder: DecoderApp,
@@ -81,7 +113,7 @@ impl Chunks {
                 }
                 None => return Err(self.not(format!("the frame at byte {place} is damaged"))),
             };
-            // The layout of the views is kept like a recording.
+            // The blueprint is stored in the same file as the recording.
             if message.store_id().kind() != StoreKind::Recording {
                 continue;
             }

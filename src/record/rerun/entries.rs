@@ -2,7 +2,7 @@
 
 use super::blueprint;
 use super::chunks::Chunks;
-use super::read::{exactly, rows};
+use super::rows::{exactly, rows};
 use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogStats};
 use ::rerun::log::Chunk;
 use std::collections::BTreeMap;

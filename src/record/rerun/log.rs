@@ -1,16 +1,15 @@
 //! Entries of the log, steps and results as entities of a recording.
 
-use super::{Level, blueprint};
+use super::rows::Rows;
+use super::{Level, blueprint, earlier};
 use crate::config::Config;
 use crate::geometry::{Pose, StampedPose};
 use crate::log::{LaserReading, LogEntry};
-use crate::pipeline::RunInfo;
+use crate::pipeline::{Continued, RunInfo};
 use crate::ppca::Cluster;
 use crate::report::{Confidence, ReportedParticle, RunResult, StepReport};
 use ::rerun::archetypes::Clear;
-use ::rerun::{
-    Arrows2D, LineStrips2D, Points2D, RecordingStream, RecordingStreamResult, Scalars, TextDocument, TimeColumn,
-};
+use ::rerun::{Arrows2D, LineStrips2D, Points2D, RecordingStream, RecordingStreamResult, Scalars, TextDocument};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -40,8 +39,19 @@ pub(super) struct About {
     pub log: String,
     /// What evaluated the particles.
     pub device: String,
+    /// The earlier drive that was continued.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub continues: Option<AboutContinued>,
     /// Everything that was set.
     pub configuration: Config,
+}
+
+/// [`Continued`] but for its map.
+#[derive(Serialize, Deserialize)]
+pub(super) struct AboutContinued {
+    pub name: String,
+    pub first_scan: usize,
+    pub world_from_robot: Pose,
 }
 
 /// State from step to step.
@@ -75,11 +85,17 @@ impl Recorder {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             log: info.log.clone(),
             device: info.device.clone(),
+            continues: info.continues.as_ref().map(|Continued { name, first_scan, world_from_robot, .. }| {
+                AboutContinued { name: name.clone(), first_scan: *first_scan, world_from_robot: *world_from_robot }
+            }),
             configuration: info.config,
         };
         // A configuration that was found valid can be written.
         let text = toml::to_string(&about).unwrap_or_default();
         stream.log_static(blueprint::under(root, blueprint::ABOUT), &TextDocument::new(text))?;
+        if let Some(Continued { map, .. }) = &info.continues {
+            earlier::send(map, &stream, root)?;
+        }
         let trail = |path, log_style| Trail::new(blueprint::under(root, path), log_style);
         Ok(Self {
             trajectory: trail(blueprint::TRAIL, blueprint::log_trajectory_style),
@@ -232,14 +248,6 @@ struct Entries {
     sent: Instant,
 }
 
-/// Rows of numbers, of any length each.
-#[derive(Default)]
-pub(super) struct Rows {
-    numbers: Vec<f64>,
-    lengths: Vec<usize>,
-    entries: Vec<i64>,
-}
-
 impl Entries {
     fn new() -> Self {
         let [laser, odometry, truth] = Default::default();
@@ -278,24 +286,6 @@ impl Entries {
         self.laser.send(stream, &blueprint::under(root, blueprint::LASER))?;
         self.odometry.send(stream, &blueprint::under(root, blueprint::ODOMETRY_READING))?;
         self.truth.send(stream, &blueprint::under(root, blueprint::TRUTH))
-    }
-}
-
-impl Rows {
-    pub(super) fn push(&mut self, entry: i64, numbers: impl IntoIterator<Item = f64>) {
-        let before = self.numbers.len();
-        self.numbers.extend(numbers);
-        self.lengths.push(self.numbers.len() - before);
-        self.entries.push(entry);
-    }
-
-    pub(super) fn send(&mut self, stream: &RecordingStream, path: &str) -> RecordingStreamResult<()> {
-        let Self { numbers, lengths, entries } = std::mem::take(self);
-        if entries.is_empty() {
-            return Ok(());
-        }
-        let columns = Scalars::new(numbers).columns(lengths)?;
-        stream.send_columns(path, [TimeColumn::new_sequence(blueprint::ENTRY_TIMELINE, entries)], columns)
     }
 }
 

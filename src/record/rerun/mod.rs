@@ -6,7 +6,7 @@
 //! own. With them and the configuration the run can be repeated: [`read`] does the reading.
 //!
 //! Recording never stops a run. What goes wrong after the start ends the recording, and [`Observer::failure`]
-//! tells it; the observer ignores the steps that follow.
+//! returns the reason; the observer ignores the steps that follow.
 
 use crate::pipeline::RunInfo;
 use crate::report::{Event, Observer};
@@ -20,13 +20,15 @@ use std::time::Duration;
 
 pub mod blueprint;
 mod chunks;
+mod earlier;
 mod entries;
 mod frames;
 mod log;
 pub mod read;
+mod rows;
 pub mod semantic;
 
-/// Name under which the viewer keeps the layout of its views.
+/// Application id: the viewer keeps one blueprint for each.
 const APPLICATION: &str = "ipslam";
 /// Steps between flushes of the recording, each of which checks that it was written.
 const CHECK_EVERY: u32 = 100;
@@ -35,6 +37,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 
 /// How much a recording holds of each step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Level {
     /// What repeats the run and shows it: a sample of the particles, the scan's points, the best map.
     #[default]
@@ -147,7 +150,7 @@ impl RerunObserver {
         let (partial, begun) = Begun::beside(path);
         let (stream, failed) = file(path, &partial, &format!("{}, replayed", info.log))?;
         blueprint::comparison_blueprint().send(&stream, BlueprintActivation::default())?;
-        // How two runs share a plot is not how one has it alone.
+        // The styles of a recorded run differ where a replay shares its plots.
         blueprint::log_styles(&stream, blueprint::RECORDED)?;
         recorded.store().send(&stream, blueprint::RECORDED)?;
         Self::start(stream, blueprint::REPLAYED, level, info, FULL_DISK, begun, failed)

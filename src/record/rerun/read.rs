@@ -5,52 +5,20 @@
 
 use super::blueprint;
 use super::chunks::Chunks;
+pub use super::chunks::ReadError;
+use super::earlier;
 use super::entries::{Entries, RecordedReader};
-use super::log::About;
-use crate::config::ConfigError;
+use super::log::{About, AboutContinued};
+use super::rows::{Numbers, exactly, positions, text};
 use crate::geometry::Pose;
 use crate::log::{LogError, LogReader, LogSource, LogStats};
-use crate::pipeline::RunInfo;
+use crate::map::LineMap;
+use crate::pipeline::{Continued, RunInfo};
 use crate::report::{StageTimes, StepReport};
-use ::rerun::components::{LineStrip2D, Scalar, Text};
-use ::rerun::log::Chunk;
-use ::rerun::{LineStrips2D, RecordingStream, Scalars, TextDocument, TimelineName};
+use ::rerun::RecordingStream;
 use nalgebra::Point2;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// Why a recording could not be read.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ReadError {
-    /// The file cannot be opened.
-    #[error("{path}: cannot be opened: {source}")]
-    Open {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The file is no recording of ipslam.
-    #[error("{path}: {reason}; a recording is needed that `ipslam run --record` of this version made")]
-    NotARecording {
-        /// The file.
-        path: PathBuf,
-        /// What was found.
-        reason: String,
-    },
-    /// Its configuration is none that this version knows.
-    #[error("{path}: recorded by version {version}: {source}")]
-    Configuration {
-        /// The file.
-        path: PathBuf,
-        /// Of the program that made it.
-        version: String,
-        /// What is wrong.
-        source: Box<ConfigError>,
-    },
-}
 
 /// What a recording holds of one step.
 #[derive(Clone, Debug, PartialEq)]
@@ -122,7 +90,7 @@ impl Store {
     /// Opens a recording.
     ///
     /// # Errors
-    /// The file cannot be opened, is no recording, or one that does not tell how the run was made.
+    /// The file cannot be opened, is no recording, or lacks the configuration of the run.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let not = |reason: &str| ReadError::NotARecording { path: path.to_owned(), reason: reason.to_owned() };
         let mut about = None;
@@ -132,8 +100,8 @@ impl Store {
                 break;
             }
         }
-        let about = about.ok_or_else(|| not("it does not tell how the run was made"))?;
-        let About { version, log, device, configuration: config } =
+        let about = about.ok_or_else(|| not("it does not hold the configuration of the run"))?;
+        let About { version, log, device, continues, configuration: config } =
             toml::from_str(&about).map_err(|error| not(&format!("its configuration is not understood: {error}")))?;
         let unusable = |source| ReadError::Configuration {
             path: path.to_owned(),
@@ -141,7 +109,14 @@ impl Store {
             source: Box::new(source),
         };
         config.validate().map_err(unusable)?;
-        Ok(Self { path: path.to_owned(), version, info: RunInfo { log, device, config } })
+        // Its map is behind in the file.
+        let continues = continues.map(|AboutContinued { name, first_scan, world_from_robot }| Continued {
+            name,
+            map: LineMap::default(),
+            first_scan,
+            world_from_robot,
+        });
+        Ok(Self { path: path.to_owned(), version, info: RunInfo { log, device, config, continues } })
     }
 
     /// Name of the file, without its ending.
@@ -184,7 +159,7 @@ impl RecordedRun {
     ///
     /// # Errors
     /// It cannot be read, or is damaged.
-    pub fn new(store: Store) -> Result<Self, ReadError> {
+    pub fn new(mut store: Store) -> Result<Self, ReadError> {
         let mut trajectory = None;
         let (mut entries, mut numbers) = (Entries::default(), Numbers::new(&NUMBERS));
         let mut places = Vec::new();
@@ -196,6 +171,11 @@ impl RecordedRun {
             while entries.pop().is_some() {}
             numbers.add(&chunk);
             trajectory = trajectory.or_else(|| positions(&chunk, blueprint::TRAJECTORY));
+        }
+        if store.info.continues.is_some() {
+            let map =
+                earlier::map(&numbers).ok_or_else(|| store.not("the map of the earlier drive in it is damaged"))?;
+            store.info.continues.iter_mut().for_each(|continued| continued.map = map.clone());
         }
         Ok(Self {
             store,
@@ -227,68 +207,10 @@ impl LogSource for RecordedRun {
     }
 }
 
-/// The text that a chunk holds, if it is of this path.
-pub(super) fn text(chunk: &Chunk, path: &str) -> Option<String> {
-    if *chunk.entity_path() != path.into() {
-        return None;
-    }
-    let texts = chunk.iter_component::<Text>(TextDocument::descriptor_text().component).next()?;
-    texts.as_slice().first().map(|text| text.as_str().to_owned())
-}
-
-/// The corners of the first line that a chunk holds, if it is of this path.
-fn positions(chunk: &Chunk, path: &str) -> Option<Vec<Point2<f64>>> {
-    if chunk.is_static() || *chunk.entity_path() != path.into() {
-        return None;
-    }
-    let strips = chunk.iter_component::<LineStrip2D>(LineStrips2D::descriptor_strips().component).next()?;
-    let corners = strips.as_slice().first()?.0.iter();
-    Some(corners.map(|corner| Point2::new(f64::from(corner.x()), f64::from(corner.y()))).collect())
-}
-
-/// The rows of numbers that a chunk holds, each with its time on a timeline.
-pub(super) fn rows(chunk: &Chunk, timeline: &'static str) -> Vec<(i64, Vec<f64>)> {
-    let component = Scalars::descriptor_scalars().component;
-    let times = chunk.iter_component_indices(TimelineName::from(timeline), component);
-    let numbers = chunk.iter_component::<Scalar>(component);
-    let row = |numbers: &[Scalar]| numbers.iter().map(|number| number.0.0).collect();
-    times.zip(numbers).map(|((time, _), numbers)| (time.as_i64(), row(numbers.as_slice()))).collect()
-}
-
-/// Rows of numbers, by path and then by time.
-pub(super) struct Numbers {
-    /// Paths to keep, each with the timeline of its rows.
-    paths: &'static [(&'static str, &'static str)],
-    rows: BTreeMap<&'static str, BTreeMap<i64, Vec<f64>>>,
-}
-
-impl Numbers {
-    pub(super) const fn new(paths: &'static [(&'static str, &'static str)]) -> Self {
-        Self { paths, rows: BTreeMap::new() }
-    }
-
-    /// Keeps what a chunk holds of these paths.
-    pub(super) fn add(&mut self, chunk: &Chunk) {
-        let is_of = |(path, _): &&(&str, &str)| *chunk.entity_path() == (*path).into();
-        if let Some((path, timeline)) = self.paths.iter().find(is_of)
-            && !chunk.is_static()
-        {
-            self.rows.entry(path).or_default().extend(rows(chunk, timeline));
-        }
-    }
-
-    /// The rows of a path, in the order of their times.
-    pub(super) fn rows<'a>(&'a self, path: &str) -> impl DoubleEndedIterator<Item = (i64, &'a [f64])> + use<'a> {
-        self.rows.get(path).into_iter().flatten().map(|(&time, row)| (time, row.as_slice()))
-    }
-
-    fn at(&self, path: &str, time: i64) -> Option<&[f64]> {
-        self.rows.get(path)?.get(&time).map(Vec::as_slice)
-    }
-}
-
-/// The numbers that are recorded of each step of a run.
-const NUMBERS: [(&str, &str); 6] = [
+/// The numbers that are recorded of an earlier drive and of each step of a run.
+const NUMBERS: [(&str, &str); 8] = [
+    (blueprint::EARLIER_WALLS, blueprint::ENTRY_TIMELINE),
+    (blueprint::EARLIER_FREE, blueprint::ENTRY_TIMELINE),
     (blueprint::POSE, blueprint::STEP_TIMELINE),
     (blueprint::CHECKSUM, blueprint::STEP_TIMELINE),
     (blueprint::EFFECTIVE_SAMPLE_SIZE, blueprint::STEP_TIMELINE),
@@ -317,9 +239,4 @@ fn result(numbers: &Numbers) -> Option<RecordedResult> {
     let (_, row) = numbers.rows(blueprint::RESULT).next_back()?;
     let &[checksum, is_smoothed] = row.as_array()?;
     Some(RecordedResult { checksum: checksum as u32, is_smoothed: is_smoothed == 1.0 })
-}
-
-/// A pose as it was: its heading is not wrapped again.
-pub(super) fn exactly(x: f64, y: f64, heading: f64) -> Pose {
-    Pose { x, y, heading }
 }

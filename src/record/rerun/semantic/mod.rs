@@ -1,8 +1,8 @@
 //! Records how objects were mapped: a file for the viewer, from which the mapping can be repeated.
 //!
-//! Mapping looks at all frames again and again, so it is recorded when it is done. On the timeline `step` it happens once
-//! more: a step a keyframe of the forward pass, a step a sweep, and at last the result. On the timeline `frame` the result
-//! tells of each keyframe what the robot saw there, and which landmarks that shows.
+//! Mapping processes all frames repeatedly, so it is recorded when it is finished. The timeline `step` repeats its course: one step for
+//! each keyframe of the forward pass, one for each sweep, and one for the result. The timeline `frame` shows the result at each
+//! keyframe: the detections made there, and their weights on landmarks.
 //!
 //! | Path | What | When |
 //! |---|---|---|
@@ -20,18 +20,18 @@
 //! | [`SENSORS`] | `sensors.toml` of the recording | always |
 //! | [`SPEEDS`], [`ODOMETRY_READING`](super::blueprint::ODOMETRY_READING) | odometry: forward, turn, stamp; or x, y, heading, stamp | every row |
 //! | [`DETECTIONS`] | stamp; class, score, range, bearing of each detection | every frame |
-//! | [`IDS`] | of each detection the object, NaN where nobody knows | every frame, if they were known |
+//! | [`IDS`] | of each detection the object, NaN where it is unknown | every frame, if they were known |
 //! | [`CHECKSUM`](super::blueprint::CHECKSUM) | that of the step | every step |
 //! | [`POSE`](super::blueprint::POSE) | x, y, heading and stamp, as f64 | every keyframe, by `frame` |
 //! | [`RESULT`](super::blueprint::RESULT) | checksum, landmarks, objective | the result |
 
-pub use layout::{
+pub use blueprint::{
     DETECTIONS, ELLIPSES, FRAME_ROBOT, FRAME_SEEN, FRAME_TIMELINE, FRAME_WEIGHTS, HYPOTHESES, HYPOTHESIS_COUNT, IDS,
     LANDMARK_COUNT, LANDMARKS, OBJECTIVE, ODOMETRY, ROBOT, SEEN, SENSORS, SPEEDS, TRAJECTORY, WEIGHTS,
 };
 pub use read::{MappingResult, RecordedMapping};
 pub use write::{Mapping, record, record_beside};
 
-mod layout;
+mod blueprint;
 mod read;
 mod write;

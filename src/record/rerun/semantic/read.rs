@@ -1,8 +1,9 @@
 //! Reads the recording of a mapping back.
 
-use super::super::blueprint;
-use super::super::read::{Numbers, ReadError, Store, exactly, text};
-use super::layout;
+use super::super::blueprint as shared;
+use super::super::read::{ReadError, Store};
+use super::super::rows::{Numbers, exactly, text};
+use super::blueprint;
 use crate::config::Config;
 use crate::detections::{Detection, Frame, Odometry, Recording, Velocity};
 use crate::geometry::StampedPose;
@@ -52,18 +53,18 @@ impl RecordedMapping {
         for chunk in store.chunks()? {
             let (_, chunk) = chunk?;
             numbers.add(&chunk);
-            sensors = sensors.or_else(|| text(&chunk, layout::SENSORS));
+            sensors = sensors.or_else(|| text(&chunk, blueprint::SENSORS));
         }
         let recording = sensors.and_then(|sensors| recording(&sensors, &numbers)).ok_or_else(|| damaged("log"))?;
-        let ids: Vec<_> = rows(&numbers, layout::IDS).map(|row| row.iter().copied().map(id).collect()).collect();
+        let ids: Vec<_> = rows(&numbers, blueprint::IDS).map(|row| row.iter().copied().map(id).collect()).collect();
         let checksum = |row: &[f64]| Some(*row.first()? as u32);
-        let checksums = rows(&numbers, blueprint::CHECKSUM).map(checksum);
+        let checksums = rows(&numbers, shared::CHECKSUM).map(checksum);
         let stamped = |row: &[f64]| {
             let &[x, y, heading, stamp] = row.as_array()?;
             Some(StampedPose { stamp, pose: exactly(x, y, heading) })
         };
-        let poses = rows(&numbers, blueprint::POSE).map(stamped);
-        let result = numbers.rows(blueprint::RESULT).next_back().and_then(|(_, row)| row.as_array());
+        let poses = rows(&numbers, shared::POSE).map(stamped);
+        let result = numbers.rows(shared::RESULT).next_back().and_then(|(_, row)| row.as_array());
         let &[checksum, landmarks, objective] = result.ok_or_else(|| damaged("result"))?;
         Ok(Self {
             recording,
@@ -89,13 +90,13 @@ impl RecordedMapping {
 
 /// The numbers that a mapping is read from.
 const NUMBERS: [(&str, &str); 7] = [
-    (blueprint::ODOMETRY_READING, blueprint::ENTRY_TIMELINE),
-    (layout::SPEEDS, blueprint::ENTRY_TIMELINE),
-    (layout::DETECTIONS, blueprint::ENTRY_TIMELINE),
-    (layout::IDS, blueprint::ENTRY_TIMELINE),
-    (blueprint::CHECKSUM, blueprint::STEP_TIMELINE),
-    (blueprint::POSE, layout::FRAME_TIMELINE),
-    (blueprint::RESULT, blueprint::STEP_TIMELINE),
+    (shared::ODOMETRY_READING, shared::ENTRY_TIMELINE),
+    (blueprint::SPEEDS, shared::ENTRY_TIMELINE),
+    (blueprint::DETECTIONS, shared::ENTRY_TIMELINE),
+    (blueprint::IDS, shared::ENTRY_TIMELINE),
+    (shared::CHECKSUM, shared::STEP_TIMELINE),
+    (shared::POSE, blueprint::FRAME_TIMELINE),
+    (shared::RESULT, shared::STEP_TIMELINE),
 ];
 
 fn rows<'a>(numbers: &'a Numbers, path: &str) -> impl Iterator<Item = &'a [f64]> + use<'a> {
@@ -117,8 +118,8 @@ fn recording(sensors: &str, numbers: &Numbers) -> Option<Recording> {
         let &[x, y, heading, stamp] = row.as_array()?;
         Some(StampedPose { stamp, pose: exactly(x, y, heading) })
     };
-    let speeds = rows(numbers, layout::SPEEDS).map(speed).collect::<Option<Vec<_>>>()?;
-    let poses = rows(numbers, blueprint::ODOMETRY_READING).map(pose).collect::<Option<Vec<_>>>()?;
+    let speeds = rows(numbers, blueprint::SPEEDS).map(speed).collect::<Option<Vec<_>>>()?;
+    let poses = rows(numbers, shared::ODOMETRY_READING).map(pose).collect::<Option<Vec<_>>>()?;
     let odometry = if speeds.is_empty() { Odometry::Poses(poses) } else { Odometry::Velocities(speeds) };
     let classes = sensors.classes.len();
     let frame = |row: &[f64]| {
@@ -131,6 +132,6 @@ fn recording(sensors: &str, numbers: &Numbers) -> Option<Recording> {
         let detections = detections.iter().map(detection).collect::<Option<_>>()?;
         rest.is_empty().then_some(Frame { stamp: *stamp, detections })
     };
-    let frames = rows(numbers, layout::DETECTIONS).map(frame).collect::<Option<_>>()?;
+    let frames = rows(numbers, blueprint::DETECTIONS).map(frame).collect::<Option<_>>()?;
     Some(Recording { sensors, odometry, frames })
 }

@@ -1,8 +1,9 @@
 //! Writes the recording of a mapping.
 
-use super::super::log::{About, Rows, arrow, position};
-use super::super::{Begun, FULL_DISK, RecordError, blueprint, check, file};
-use super::layout;
+use super::super::log::{About, arrow, position};
+use super::super::rows::Rows;
+use super::super::{Begun, FULL_DISK, RecordError, blueprint as shared, check, file};
+use super::blueprint;
 use super::read::RecordedMapping;
 use crate::config::Config;
 use crate::detections::{Detection, Frame, Odometry, Recording, Velocity};
@@ -50,7 +51,7 @@ pub fn record(path: &Path, mapping: Mapping<'_>) -> Result<(), RecordError> {
 /// # Errors
 /// As for [`record`].
 pub fn record_beside(recorded: &RecordedMapping, path: &Path, mapping: Mapping<'_>) -> Result<(), RecordError> {
-    record_under(blueprint::REPLAYED, path, mapping, Some(recorded))
+    record_under(shared::REPLAYED, path, mapping, Some(recorded))
 }
 
 fn record_under(
@@ -61,11 +62,11 @@ fn record_under(
 ) -> Result<(), RecordError> {
     let (partial, begun) = Begun::beside(path);
     let (stream, failed) = file(path, &partial, mapping.name)?;
-    let roots = recorded.map_or(vec![root], |_| vec![blueprint::RECORDED, root]);
-    layout::views(&roots).send(&stream, BlueprintActivation::default())?;
+    let roots = recorded.map_or(vec![root], |_| vec![shared::RECORDED, root]);
+    blueprint::views(&roots).send(&stream, BlueprintActivation::default())?;
     if let Some(recorded) = recorded {
-        layout::log_styles(&stream, blueprint::RECORDED)?;
-        recorded.store().send(&stream, blueprint::RECORDED)?;
+        blueprint::log_styles(&stream, shared::RECORDED)?;
+        recorded.store().send(&stream, shared::RECORDED)?;
     }
     let writer = Writer { stream: &stream, root, mapping, links: links(mapping) };
     writer.log_inputs()?;
@@ -102,7 +103,7 @@ fn links(Mapping { map, recording, .. }: Mapping<'_>) -> BTreeMap<usize, Vec<Lin
 
 fn strips<'a>(links: impl Iterator<Item = &'a Link> + Clone) -> LineStrips2D {
     LineStrips2D::new(links.clone().map(|link| link.ends))
-        .with_colors(links.map(|link| layout::weight_colour(link.weight)))
+        .with_colors(links.map(|link| blueprint::weight_colour(link.weight)))
 }
 
 struct Writer<'a> {
@@ -114,41 +115,42 @@ struct Writer<'a> {
 
 impl Writer<'_> {
     fn path(&self, path: &str) -> String {
-        blueprint::under(self.root, path)
+        shared::under(self.root, path)
     }
 
     /// What repeats the mapping.
     fn log_inputs(&self) -> RecordingStreamResult<()> {
         let Mapping { name, recording, objects, config, .. } = self.mapping;
-        layout::log_styles(self.stream, self.root)?;
+        blueprint::log_styles(self.stream, self.root)?;
         let about = About {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             log: name.to_owned(),
             device: "CPU".to_owned(),
+            continues: None,
             configuration: Config::Semantic(config),
         };
         // What was mapped is valid, and can be written.
         let about = toml::to_string(&about).unwrap_or_default();
-        self.stream.log_static(self.path(blueprint::ABOUT), &TextDocument::new(about))?;
+        self.stream.log_static(self.path(shared::ABOUT), &TextDocument::new(about))?;
         let sensors = sensors::to_toml(&recording.sensors).unwrap_or_default();
-        self.stream.log_static(self.path(layout::SENSORS), &TextDocument::new(sensors))?;
+        self.stream.log_static(self.path(blueprint::SENSORS), &TextDocument::new(sensors))?;
         match &recording.odometry {
             Odometry::Velocities(rows) => {
                 let row = |&Velocity { stamp, forward, turn }: &Velocity| [forward, turn, stamp];
-                self.log_rows(layout::SPEEDS, rows.iter().map(row))?;
+                self.log_rows(blueprint::SPEEDS, rows.iter().map(row))?;
             }
             Odometry::Poses(rows) => {
                 let row = |&StampedPose { stamp, pose: Pose { x, y, heading } }: &StampedPose| [x, y, heading, stamp];
-                self.log_rows(blueprint::ODOMETRY_READING, rows.iter().map(row))?;
+                self.log_rows(shared::ODOMETRY_READING, rows.iter().map(row))?;
             }
         }
         let row = |Frame { stamp, detections }: &Frame| {
             let number = |seen: &Detection| [seen.class as f64, seen.score, seen.range, seen.bearing];
             std::iter::once(*stamp).chain(detections.iter().flat_map(number)).collect::<Vec<_>>()
         };
-        self.log_rows(layout::DETECTIONS, recording.frames.iter().map(row))?;
+        self.log_rows(blueprint::DETECTIONS, recording.frames.iter().map(row))?;
         let row = |ids: &Vec<Option<u64>>| ids.iter().map(|id| id.map_or(f64::NAN, |id| id as f64)).collect::<Vec<_>>();
-        self.log_rows(layout::IDS, objects.unwrap_or_default().iter().map(row))
+        self.log_rows(blueprint::IDS, objects.unwrap_or_default().iter().map(row))
     }
 
     /// Rows of numbers, numbered from 0.
@@ -162,24 +164,24 @@ impl Writer<'_> {
         all.send(self.stream, &self.path(path))
     }
 
-    /// The forward pass, the sweeps, the result, and what it tells of each keyframe.
+    /// The forward pass, the sweeps, the result, and each keyframe with the result.
     fn log_mapping(&self) -> RecordingStreamResult<()> {
         let Mapping { map, recording, .. } = self.mapping;
         let stream = self.stream;
         let history = &map.history;
         let stamps = map.keyframes.iter().map(|keyframe| keyframe.stamp);
         let odometry = recording.odometry.dead_reckoning(stamps);
-        stream.log_static(self.path(layout::ODOMETRY), &path(odometry.iter().map(|stamped| stamped.pose)))?;
+        stream.log_static(self.path(blueprint::ODOMETRY), &path(odometry.iter().map(|stamped| stamped.pose)))?;
         for (step, checksum) in (0_i64..).zip(history.checksums()) {
-            stream.set_time_sequence(blueprint::STEP_TIMELINE, step);
-            stream.log(self.path(blueprint::CHECKSUM), &Scalars::new([f64::from(checksum)]))?;
+            stream.set_time_sequence(shared::STEP_TIMELINE, step);
+            stream.log(self.path(shared::CHECKSUM), &Scalars::new([f64::from(checksum)]))?;
         }
         for (keyframe, (step, candidates)) in (0_i64..).zip(&history.candidates).enumerate() {
-            stream.set_time_sequence(blueprint::STEP_TIMELINE, step);
+            stream.set_time_sequence(shared::STEP_TIMELINE, step);
             self.log_candidates(keyframe, candidates)?;
         }
         for (step, sweep) in (history.candidates.len() as i64..).zip(&history.sweeps) {
-            stream.set_time_sequence(blueprint::STEP_TIMELINE, step);
+            stream.set_time_sequence(shared::STEP_TIMELINE, step);
             self.log_sweep(sweep)?;
         }
         self.log_result((history.candidates.len() + history.sweeps.len()) as i64)?;
@@ -190,59 +192,59 @@ impl Writer<'_> {
     fn log_candidates(&self, keyframe: usize, candidates: &[Candidate]) -> RecordingStreamResult<()> {
         let stream = self.stream;
         let Some(best) = candidates.first() else { return Ok(()) };
-        stream.log(self.path(layout::ROBOT), &arrow(best.pose))?;
+        stream.log(self.path(blueprint::ROBOT), &arrow(best.pose))?;
         let likelihood = |candidate: &Candidate| {
             // The likelihood beside the best one's: like a particle's weight.
             let share = (candidate.log_likelihood - best.log_likelihood).exp();
-            blueprint::colour(blueprint::particle_colour(share))
+            shared::colour(shared::particle_colour(share))
         };
         // The likeliest is logged last, so that it lies above.
         let shown = || candidates.iter().rev();
         let places = Points2D::new(shown().map(|candidate| position(candidate.pose.position())));
-        stream.log(self.path(layout::HYPOTHESES), &places.with_colors(shown().map(likelihood)))?;
-        stream.log(self.path(layout::SEEN), &self.seen(keyframe, best.pose))?;
-        stream.log(self.path(layout::HYPOTHESIS_COUNT), &Scalars::new([candidates.len() as f64]))
+        stream.log(self.path(blueprint::HYPOTHESES), &places.with_colors(shown().map(likelihood)))?;
+        stream.log(self.path(blueprint::SEEN), &self.seen(keyframe, best.pose))?;
+        stream.log(self.path(blueprint::HYPOTHESIS_COUNT), &Scalars::new([candidates.len() as f64]))
     }
 
     fn log_sweep(&self, sweep: &Sweep) -> RecordingStreamResult<()> {
         let stream = self.stream;
-        stream.log(self.path(blueprint::STEP), &Clear::recursive())?;
-        stream.log(self.path(layout::TRAJECTORY), &path(sweep.poses.iter().copied()))?;
-        stream.log(self.path(layout::LANDMARKS), &self.landmarks(&sweep.landmarks))?;
+        stream.log(self.path(shared::STEP), &Clear::recursive())?;
+        stream.log(self.path(blueprint::TRAJECTORY), &path(sweep.poses.iter().copied()))?;
+        stream.log(self.path(blueprint::LANDMARKS), &self.landmarks(&sweep.landmarks))?;
         self.log_score(sweep.objective, sweep.landmarks.len())
     }
 
     fn log_score(&self, objective: f64, landmarks: usize) -> RecordingStreamResult<()> {
-        self.stream.log(self.path(layout::OBJECTIVE), &Scalars::new([objective]))?;
-        self.stream.log(self.path(layout::LANDMARK_COUNT), &Scalars::new([landmarks as f64]))
+        self.stream.log(self.path(blueprint::OBJECTIVE), &Scalars::new([objective]))?;
+        self.stream.log(self.path(blueprint::LANDMARK_COUNT), &Scalars::new([landmarks as f64]))
     }
 
     /// The result, on both timelines.
     fn log_result(&self, step: i64) -> RecordingStreamResult<()> {
         let Mapping { map, .. } = self.mapping;
         let stream = self.stream;
-        stream.set_time_sequence(blueprint::STEP_TIMELINE, step);
+        stream.set_time_sequence(shared::STEP_TIMELINE, step);
         self.log_score(map.objective, map.landmarks.len())?;
         let result = [f64::from(map.checksum()), map.landmarks.len() as f64, map.objective];
-        stream.log(self.path(blueprint::RESULT), &Scalars::new(result))?;
-        stream.log(self.path(layout::WEIGHTS), &strips(self.links.values().flatten()))?;
-        stream.set_time_sequence(layout::FRAME_TIMELINE, 0);
-        stream.log(self.path(layout::TRAJECTORY), &path(map.keyframes.iter().map(|keyframe| keyframe.pose)))?;
-        stream.log(self.path(layout::LANDMARKS), &self.landmarks(&map.landmarks))?;
+        stream.log(self.path(shared::RESULT), &Scalars::new(result))?;
+        stream.log(self.path(blueprint::WEIGHTS), &strips(self.links.values().flatten()))?;
+        stream.set_time_sequence(blueprint::FRAME_TIMELINE, 0);
+        stream.log(self.path(blueprint::TRAJECTORY), &path(map.keyframes.iter().map(|keyframe| keyframe.pose)))?;
+        stream.log(self.path(blueprint::LANDMARKS), &self.landmarks(&map.landmarks))?;
         let ellipses = map.landmarks.iter().filter_map(ellipse);
-        stream.log(self.path(layout::ELLIPSES), &LineStrips2D::new(ellipses))
+        stream.log(self.path(blueprint::ELLIPSES), &LineStrips2D::new(ellipses))
     }
 
     fn log_frames(&self) -> RecordingStreamResult<()> {
         let stream = self.stream;
         for (number, keyframe) in self.mapping.map.keyframes.iter().enumerate() {
-            stream.set_time_sequence(layout::FRAME_TIMELINE, number as i64);
+            stream.set_time_sequence(blueprint::FRAME_TIMELINE, number as i64);
             let Pose { x, y, heading } = keyframe.pose;
-            stream.log(self.path(blueprint::POSE), &Scalars::new([x, y, heading, keyframe.stamp]))?;
-            stream.log(self.path(layout::FRAME_ROBOT), &arrow(keyframe.pose))?;
-            stream.log(self.path(layout::FRAME_SEEN), &self.seen(number, keyframe.pose))?;
+            stream.log(self.path(shared::POSE), &Scalars::new([x, y, heading, keyframe.stamp]))?;
+            stream.log(self.path(blueprint::FRAME_ROBOT), &arrow(keyframe.pose))?;
+            stream.log(self.path(blueprint::FRAME_SEEN), &self.seen(number, keyframe.pose))?;
             let links = keyframe.frame.and_then(|frame| self.links.get(&frame)).into_iter().flatten();
-            stream.log(self.path(layout::FRAME_WEIGHTS), &strips(links))?;
+            stream.log(self.path(blueprint::FRAME_WEIGHTS), &strips(links))?;
         }
         Ok(())
     }
@@ -254,7 +256,7 @@ impl Writer<'_> {
         let seen = || frame.into_iter().flat_map(|frame| frame.in_view(recording.sensors.view)).map(|(_, seen)| seen);
         let world_from_sensor = world_from_robot * recording.sensors.robot_from_sensor;
         Points2D::new(seen().map(|seen| position(world_from_sensor * seen.position())))
-            .with_colors(seen().map(|seen| layout::colour_of(seen.class)))
+            .with_colors(seen().map(|seen| blueprint::colour_of(seen.class)))
     }
 
     fn landmarks(&self, landmarks: &[Landmark]) -> Points2D {
@@ -263,7 +265,7 @@ impl Writer<'_> {
             format!("{number} {}", classes.get(landmark.class()).map_or("", String::as_str))
         };
         Points2D::new(landmarks.iter().map(|landmark| position(landmark.position)))
-            .with_colors(landmarks.iter().map(|landmark| layout::colour_of(landmark.class())))
+            .with_colors(landmarks.iter().map(|landmark| blueprint::colour_of(landmark.class())))
             .with_labels(landmarks.iter().enumerate().map(label))
     }
 }

@@ -1,6 +1,7 @@
-//! Paths of a recording of objects, how they look, and how the viewer lays them out.
+//! The blueprint of a recording of objects: the paths of its entities, their styles, and the views of the Rerun viewer. What it has in
+//! common with the recording of a run is in [`blueprint`](super::super::blueprint).
 
-use super::super::blueprint::{self, ABOUT, colour, lines, map_view, plot, points, under, whole};
+use super::super::blueprint::{self as shared, ABOUT, colour, lines, map_view, plot, points, under, whole};
 use crate::picture::class_colour;
 use ::rerun::blueprint::{Blueprint, Horizontal, Tabs, TextDocumentView, Vertical};
 use ::rerun::components::Radius;
@@ -69,7 +70,7 @@ pub(super) fn weight_colour(weight: f64) -> Color {
 /// Logs the styles and the direction of y, once for the whole recording.
 pub(super) fn log_styles(stream: &RecordingStream, root: &str) -> RecordingStreamResult<()> {
     let at = |path| under(root, path);
-    stream.log_static(at(blueprint::WORLD), &Transform3D::from_scale([1.0, -1.0, 1.0]))?;
+    stream.log_static(at(shared::WORLD), &Transform3D::from_scale([1.0, -1.0, 1.0]))?;
     let arrow = || Arrows2D::update_fields().with_colors([colour(PATH)]).with_radii([Radius::new_ui_points(2.5)]);
     for robot in [ROBOT, FRAME_ROBOT] {
         stream.log_static(at(robot), &arrow().with_draw_order(60.0))?;
@@ -86,9 +87,9 @@ pub(super) fn log_styles(stream: &RecordingStream, root: &str) -> RecordingStrea
     stream.log_static(at(TRAJECTORY), &lines(PATH, 1.0, 30.0))?;
     stream.log_static(at(ODOMETRY), &lines(DRIFT, 0.7, 20.0))?;
 
-    // Two mappings share a plot: the names tell which is which.
+    // Two mappings share a plot, so the name of each series has its root.
     let named = |name: &str| if root.is_empty() { name.to_owned() } else { format!("{root}: {name}") };
-    let rgb = if root == blueprint::REPLAYED { [235, 80, 70] } else { [60, 140, 235] };
+    let rgb = if root == shared::REPLAYED { [235, 80, 70] } else { [60, 140, 235] };
     let dots = |name| SeriesPoints::new().with_names([named(name)]).with_colors([colour(rgb)]).with_marker_sizes([4.0]);
     let line = SeriesLines::new().with_names([named("hypotheses")]).with_colors([colour(rgb)]).with_widths([1.5]);
     stream.log_static(at(HYPOTHESIS_COUNT), &line)?;
