@@ -45,10 +45,10 @@ pub struct DamageArgs {
     /// Distances of odometry times F, turns times T
     #[arg(long, value_name = "F,T", value_parser = pair, allow_hyphen_values = true)]
     scale: Option<(f64, f64)>,
-    /// N times wheels spin for 2 s: distances 1.5 times as long, and 0.3 rad of turn too much
+    /// N times wheels spin for 2 s: distances 1.5 times as long, turns 0.3 rad too large in all
     #[arg(long, value_name = "N")]
     slip: Option<u32>,
-    /// N times, for 2 s, odometry tells the motion as its reverse
+    /// N times, for 2 s, odometry reports the motion as its reverse
     #[arg(long, value_name = "N")]
     backwards: Option<u32>,
     /// N times one reading of odometry is 5 m and 1 rad off
@@ -72,7 +72,7 @@ pub struct DamageArgs {
     /// N times no scan for 15 s
     #[arg(long, value_name = "N")]
     blank: Option<u32>,
-    /// Only beams in the middle of the sweep return, over so many degrees
+    /// Only beams in the middle of the sweep return, over this angle
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true)]
     fov: Option<f64>,
     /// Gaussian noise of ranges [metres]
@@ -145,7 +145,7 @@ pub fn degrade(args: &DegradeArgs) -> anyhow::Result<()> {
     let is_free = *force || !out.exists();
     ensure!(is_free, UsageError(format!("{}: it is there already: replace it with --force", out.display())));
     let damage = damage.damage();
-    // What cannot be is told before a long log is read.
+    // What cannot be is refused before a long log is read.
     damage.apply(Vec::new(), *seed)?;
     interrupt::watch()?;
     let topics = Topics { scan: scan_topic.clone(), odometry: odom_topic.clone() };

@@ -72,7 +72,8 @@ impl Sheet {
         let columns = self.count.clamp(1, COLUMNS) as f64;
         let size = Vector2::new(columns, self.count.div_ceil(COLUMNS).max(1) as f64).component_mul(&PITCH);
         let svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{0}\" height=\"{1}\" viewBox=\"0 0 {0} {1}\">\n{2}</svg>\n",
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{0}\" height=\"{1}\" viewBox=\"0 0 {0} {1}\" \
+             font-family=\"Ubuntu, Helvetica, Arial, sans-serif\">\n{2}</svg>\n",
             size.x, size.y, self.svg
         );
         svg_to_png(&svg, size.max().min(LONGEST) as u32)

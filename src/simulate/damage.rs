@@ -5,8 +5,8 @@
 //! between scans is left out.
 //!
 //! The motions of odometry from scan to scan, (forward, sideways \[m\], turn \[rad\]) in the robot's frame, are scaled, then mistaken where
-//! wheels spin or a sign is lost, then disturbed by noise, and put together again from the first pose. What happens "so many times for
-//! some seconds" happens once in each of so many equal parts of the way, somewhere in its middle 80 %, where the robot moves.
+//! wheels spin or a sign is lost, then disturbed by noise, and put together again from the first pose. What happens N
+//! times happens once in each of N equal parts of the way, somewhere in its middle 80 %, where the robot moves.
 
 use crate::geometry::Pose;
 use crate::log::{LaserReading, LogEntry};
@@ -17,16 +17,16 @@ use std::ops::Range;
 parameters! {
     /// What is made worse; by default nothing is.
     pub struct Damage {
-        /// Gaussian noise of motions: so many times 0.1 of the distance forward, 0.05 of it sideways, and of the turn 0.1 of itself and
+        /// Gaussian noise of motions, in units of 0.1 of the distance forward, 0.05 of it sideways, and for the turn 0.1 of itself and
         /// 0.02 rad for each metre.
         noise: f64 = 0.0, in 0.0..=1000.0;
         /// Factor of distances forward and sideways.
         scale_distance: f64 = 1.0, in 0.1..=10.0;
         /// Factor of turns.
         scale_turn: f64 = 1.0, in 0.1..=10.0;
-        /// Times that wheels spin for 2 s: distances are told 1.5 times as long, and 0.3 rad of turn too much.
+        /// Times that wheels spin for 2 s: distances come out 1.5 times as long, and turns 0.3 rad too large in all.
         slip: u32 = 0, in 0.0..=1000.0;
-        /// Times that for 2 s the robot's motion is told as its reverse.
+        /// Times that for 2 s the robot's motion is reported as its reverse.
         backwards: u32 = 0, in 0.0..=1000.0;
         /// Times that one reading of odometry is 5 m and 1 rad off, and the next is right again.
         spike: u32 = 0, in 0.0..=1000.0;
@@ -36,11 +36,11 @@ parameters! {
         no_odometry: bool = false;
         /// Time by which odometry lags behind the scans \[s\].
         late: f64 = 0.0, in 0.0..=60.0;
-        /// Of the scans that the others leave, one of so many is kept.
+        /// Only every N-th scan is kept, of those that the others leave.
         skip: u32 = 1, in 1.0..=10000.0;
-        /// Of the scans only those are kept that the robot took after so many metres, by the odometry of the log, or ...
+        /// Only scans at least this far after the last one are kept, by the odometry of the log \[m\], or ...
         sparse_distance: f64 = 0.0, in 0.0..=1000.0;
-        /// ... after so much turn \[rad\]. With 0, all.
+        /// ... this much turned \[rad\]. With 0, all are kept.
         sparse_turn: f64 = 0.0, in 0.0..=4.0;
         /// Times that for 15 s there is no scan.
         blank: u32 = 0, in 0.0..=1000.0;
@@ -235,7 +235,7 @@ impl Drive {
         self.scans.windows(2).map(|pair| pair[1].1.seen_from(pair[0].1)).collect()
     }
 
-    /// The scans at which something happens, one in each of so many parts of the way; the first scan is none of them.
+    /// The scans at which something happens, one in each of `count` parts of the way; the first scan is none of them.
     fn moments(&self, count: u32, event: Event) -> impl Iterator<Item = usize> {
         let parts = if self.scans.len() > 1 { 0..count } else { 0..0 };
         parts.map(move |part| {

@@ -11,7 +11,7 @@ const PERIOD: f64 = 0.25;
 const RANGE: f64 = 6.0;
 const NO_RETURN: f64 = 80.0;
 
-/// A drive of so many scans, with an odometry reading and the truth before each; the last beam does not return.
+/// A drive with an odometry reading and the truth before each; the last beam does not return.
 fn drive(scans: usize) -> Vec<LogEntry> {
     let mut pose = Pose::new(3.0, -2.0, 1.0);
     let mut entries = Vec::new();

@@ -17,14 +17,16 @@ use ipslam::io::mcap::Topics;
 use ipslam::io::{open_log, write_whole};
 use ipslam::log::LogSource;
 use ipslam::picture::Sheet;
-use ipslam::pipeline::{End, Progress, Run};
+use ipslam::pipeline::{End, Outcome, Progress, Run};
 use ipslam::ppca::Cluster;
 use ipslam::slam::Slam;
 use report::{Row, Scores};
+use std::io::BufWriter;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
+use tempfile::NamedTempFile;
 
 mod find;
 mod report;
@@ -226,13 +228,11 @@ impl Job<'_> {
         let Self { log, hard, config } = self;
         let truth = TruthArgs { relations: log.relations.clone(), reference: log.reference.clone() };
         let truth = truth.read()?;
-        let mut source = open_log(&log.path, &Topics::default())?;
-        let harder = tempfile::Builder::new().suffix(".clf").tempfile().context("no file for the harder drive")?;
-        if let Some(hard) = hard {
-            let entries = hard.damage.damage().apply(entries(&*source)?, config.seed)?;
-            convert::write_log(&mut entries.into_iter().map(Ok), std::io::BufWriter::new(harder.as_file()))?;
-            source = Box::new(CarmenLog::new(harder.path()));
-        }
+        let harder = hard.map(|hard| self.harder(hard)).transpose()?;
+        let source = match &harder {
+            Some(harder) => Box::new(CarmenLog::new(harder.path())),
+            None => open_log(&log.path, &Topics::default())?,
+        };
         let began = cpu_seconds();
         let (mapped, seconds) = self.run(&*source, progress, began)?;
         let trajectory = mapped.result.trajectory();
@@ -251,18 +251,27 @@ impl Job<'_> {
         Ok((Scores::new(&report, &summary, &trajectory, seconds)?, (mapped.result.map.clusters, trajectory)))
     }
 
+    /// The log made harder, in a file that goes when it is dropped.
+    fn harder(&self, Hard { damage, .. }: &Hard) -> anyhow::Result<NamedTempFile> {
+        let source = open_log(&self.log.path, &Topics::default())?;
+        let entries = damage.damage().apply(entries(&*source)?, self.config.seed)?;
+        let file = tempfile::Builder::new().suffix(".clf").tempfile().context("no file for the harder drive")?;
+        convert::write_log(&mut entries.into_iter().map(Ok), BufWriter::new(file.as_file()))?;
+        Ok(file)
+    }
+
     fn run(
         &self,
         source: &dyn LogSource,
         progress: &AtomicU64,
         began: Option<f64>,
-    ) -> anyhow::Result<(ipslam::pipeline::Outcome, Option<f64>)> {
+    ) -> anyhow::Result<(Outcome, Option<f64>)> {
         let run = Run { smoothing: Some(self.config.smoother()), ..Run::of(source) };
         let mut told = 0;
         let mut mapped = run.run(&mut Slam::new(self.config), &mut [], &mut |step| {
             if let Progress::Entry { bytes: Some((read, all)), .. } = step {
                 let now = PERMILLE * read / all.max(1);
-                progress.fetch_add(now - told, Ordering::Relaxed);
+                progress.fetch_add(now.saturating_sub(told), Ordering::Relaxed);
                 told = now;
             }
             !interrupt::happened()

@@ -8,7 +8,6 @@ use ipslam::metrics::published::{PUBLISHED, Published};
 use ipslam::picture::Sheet;
 use serde::Serialize;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 /// Mean error over loop relations up to which a map counts as closed [m].
@@ -157,11 +156,13 @@ pub fn markdown(command: &str, rows: &[Row]) -> String {
     let mut text = format!(
         "`{command}`, version {version}, on {}, one thread a run, CPU.\n\n\
          Error: mean over all relations, and over those that close a loop (more than 10 s apart). rms: distance from the reference, \
-         aligned. Closed: loops at most {CLOSED} m; without relations, rms at most {CLOSED} m or {CLOSED_PER_WAY} of the way. Right: \
+         aligned. Closed: loops at most {CLOSED} m; without relations, rms at most {CLOSED} m, or {} m for each kilometre of \
+         way where that is more. Right: \
          \"consistent\" and closed, or \"doubtful\" and not. CPU: filter and smoothing, without pictures.\n\n\
          | log | kind | seed | maps | error [m] | loops [m] | rms [m] | closed | verdict | right | CPU [s] | clusters |\n\
          |---|---|---|---|---|---|---|---|---|---|---|---|\n",
-        machine()
+        machine(),
+        1e3 * CLOSED_PER_WAY
     );
     let yes = |is: bool| if is { "yes" } else { "**no**" };
     for row in rows {
@@ -203,22 +204,21 @@ fn summary(rows: &[Row]) -> String {
     let mut settings: Vec<(usize, usize)> = rows.iter().map(|row| (row.maps, row.particles)).collect();
     settings.sort_unstable();
     settings.dedup();
-    let mut cells: BTreeMap<(&str, &str), BTreeMap<(usize, usize), Vec<&Row>>> = BTreeMap::new();
-    for row in rows {
-        cells.entry((&row.log, &row.kind)).or_default().entry((row.maps, row.particles)).or_default().push(row);
-    }
     text += "\nRuns that closed, of all; their mean CPU seconds:\n\n| log | kind |";
     settings.iter().for_each(|&(m, p)| text += &format!(" {} maps |", maps(m, p)));
     text += "\n|---|---|";
     text += &"---|".repeat(settings.len());
-    for ((log, kind), by_setting) in cells {
+    let mut drives: Vec<(&str, &str)> = rows.iter().map(|row| (&*row.log, &*row.kind)).collect();
+    drives.dedup();
+    for (log, kind) in drives {
         text += &format!("\n| {log} | {kind} |");
-        for setting in &settings {
-            let runs = by_setting.get(setting).map(Vec::as_slice).unwrap_or_default();
-            let scores = runs.iter().filter_map(|row| row.result.as_ref().ok());
+        for &(maps, particles) in &settings {
+            let is = |row: &&Row| (&*row.log, &*row.kind, row.maps, row.particles) == (log, kind, maps, particles);
+            let runs = rows.iter().filter(is);
+            let scores = runs.clone().filter_map(|row| row.result.as_ref().ok());
             let closed = scores.clone().filter(|scores| scores.closed).count();
-            let seconds: f64 = scores.clone().filter_map(|s| s.cpu_s).sum::<f64>() / scores.count().max(1) as f64;
-            text += &format!(" {closed} of {}; {seconds:.1} s |", runs.len());
+            let seconds = scores.clone().filter_map(|s| s.cpu_s).sum::<f64>() / scores.count().max(1) as f64;
+            text += &format!(" {closed} of {}; {seconds:.1} s |", runs.count());
         }
     }
     text += "\n";
