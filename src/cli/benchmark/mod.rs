@@ -34,14 +34,13 @@ mod report;
 const OUTPUTS: [&str; 3] = ["benchmark.md", "benchmark.json", "benchmark.png"];
 const AS_RECORDED: &str = "as recorded";
 
-const NAMES: &str = "The truth of NAME.clf (.log, .mcap, .db3, .bag) lies beside it: NAME.relations, or a reference trajectory NAME.xyt, \
-                     NAME.tum or NAME.ANY.xyt; any of them may be gzip. NAME may be cut at a hyphen: intel.relations is the truth of \
-                     intel-dense.clf too. Each run has one thread, on the CPU.";
+const REMEDY: &str = "name a folder where beside NAME.clf (.log, .mcap, .db3, .bag) there is NAME.relations, or a reference trajectory \
+                      NAME.xyt or NAME.tum";
 
 /// Maps every log of a folder, and of those below it, whose true path is known. Writes benchmark.md and benchmark.json, a row for
-/// each run, and benchmark.png, its maps.
+/// each run, and benchmark.png, its maps. Each run has one thread, on the CPU. The truth of NAME.clf lies beside it: relations
+/// NAME.relations, or a reference trajectory NAME.xyt or NAME.tum; NAME may be cut at a hyphen (docs/formats.md has all).
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = NAMES)]
 pub struct BenchmarkArgs {
     /// Folder of logs with relations or a reference beside them
     dir: PathBuf,
@@ -93,7 +92,7 @@ pub fn benchmark(args: &BenchmarkArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         damage.damage().apply(Vec::new(), 1)?;
     }
     let (logs, without) = find::logs(&args.dir)?;
-    let nothing = || UsageError(format!("{}: no log here has a truth beside it\n{NAMES}", args.dir.display()));
+    let nothing = || UsageError(format!("{}: no log here has a truth beside it; {REMEDY}", args.dir.display()));
     ensure!(!logs.is_empty(), nothing());
     let is_free = args.force || OUTPUTS.iter().all(|name| !args.out.join(name).exists());
     let remedy = "an earlier benchmark is there: name another folder with --out, or replace it with --force";
