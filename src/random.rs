@@ -27,6 +27,14 @@ pub enum Draw {
     Object = 6,
     /// How a detection errs.
     Detection = 7,
+    /// How odometry is made worse.
+    Wheels = 8,
+    /// How a range is made worse.
+    Range = 9,
+    /// Whether a range becomes any other.
+    Stray = 10,
+    /// When something happens to a log, and who walks along.
+    Event = 11,
 }
 
 /// Four independent words of 32 random bits.

@@ -218,7 +218,8 @@ fn convert_log(input: &Path, output: &Path, format: Format) -> anyhow::Result<()
     }
 }
 
-fn write_log(
+/// Writes entries as a CARMEN log, until the user wants no more.
+pub fn write_log(
     entries: &mut dyn Iterator<Item = Result<ipslam::log::LogEntry, ipslam::log::LogError>>,
     out: impl Write,
     is_given_up: impl Fn() -> bool,

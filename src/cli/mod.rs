@@ -10,10 +10,12 @@ use std::sync::Once;
 
 mod backend;
 mod bench;
+mod benchmark;
 mod configuration;
 mod continued;
 mod convert;
 mod dataset;
+mod degrade;
 mod devices;
 mod eval;
 mod help;
@@ -76,9 +78,13 @@ enum Command {
     #[command(after_help = EXIT_CODES)]
     Simulate(simulate::SimulateArgs),
     #[command(after_help = EXIT_CODES)]
+    Degrade(degrade::DegradeArgs),
+    #[command(after_help = EXIT_CODES)]
     Devices(devices::DevicesArgs),
     #[command(after_help = EXIT_CODES)]
     Bench(bench::BenchArgs),
+    #[command(after_help = EXIT_CODES)]
+    Benchmark(benchmark::BenchmarkArgs),
     Convert(convert::ConvertArgs),
     Config(configuration::ExplainArgs),
     Completions(help::CompletionsArgs),
@@ -133,8 +139,10 @@ fn execute(command: Command) -> (u8, Vec<String>) {
         Command::View(args) => view::view(&args).err().into_iter().collect(),
         Command::Eval(args) => eval::eval(&args).err().into_iter().collect(),
         Command::Simulate(args) => simulate::simulate(&args).err().into_iter().collect(),
+        Command::Degrade(args) => degrade::degrade(&args).err().into_iter().collect(),
         Command::Devices(args) => devices::devices(&args).unwrap_or_else(|error| vec![error]),
         Command::Bench(args) => bench::bench(&args).unwrap_or_else(|error| vec![error]),
+        Command::Benchmark(args) => benchmark::benchmark(&args).unwrap_or_else(|error| vec![error]),
         Command::Convert(args) => convert::convert(&args).err().into_iter().collect(),
         Command::Config(args) => configuration::explain(&args).err().into_iter().collect(),
         Command::Completions(args) => help::completions(&args, Cli::command()).err().into_iter().collect(),

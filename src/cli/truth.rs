@@ -14,10 +14,10 @@ use std::path::{Path, PathBuf};
 pub struct TruthArgs {
     /// Relations of the SLAM benchmark (t1 t2 x y z roll pitch yaw) to score the trajectory by
     #[arg(long, value_name = "FILE")]
-    relations: Option<PathBuf>,
+    pub relations: Option<PathBuf>,
     /// Reference trajectory (TUM or t x y theta) to score by and to draw; without one, true poses in the log are used
     #[arg(long, value_name = "FILE")]
-    reference: Option<PathBuf>,
+    pub reference: Option<PathBuf>,
 }
 
 /// Their contents.

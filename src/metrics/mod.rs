@@ -3,11 +3,13 @@
 //! - [`relations`]: errors of the motion between pairs of stamps (Kuemmerle et al. 2009); needs no common frame.
 //! - [`trajectory`]: errors against a trajectory of reference poses, after alignment (ATE) and between pairs (RPE).
 //!
-//! Both ask a trajectory for its pose at the stamps of the ground truth: [`PoseLookup`] says how.
+//! Both ask a trajectory for its pose at the stamps of the ground truth: [`PoseLookup`] says how. What other systems reach is in
+//! [`published`].
 
 use crate::geometry::{Pose, StampedPose};
 use serde::Serialize;
 
+pub mod published;
 pub mod relations;
 pub mod space;
 pub mod trajectory;

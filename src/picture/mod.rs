@@ -13,12 +13,14 @@ mod objects;
 mod png;
 mod raster;
 mod reproject;
+mod sheet;
 mod svg;
 
 pub use figures::{Figures, Files};
 pub use objects::{class_colour, object_map};
 pub use png::{PictureError, svg_to_png};
 pub use raster::PointRaster;
+pub use sheet::Sheet;
 
 use crate::geometry::StampedPose;
 use crate::ppca::Cluster;

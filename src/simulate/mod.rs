@@ -8,12 +8,14 @@
 //! | [`OdometryNoise`] | true motion to reported motion |
 //! | [`Laser`] | true pose to ranges |
 //! | [`Simulation`] | all of it as a log that can be mapped directly |
+//! | [`Damage`] | any log, made harder |
 //!
 //! The world's frame is that of the plan. Odometry starts at the true pose, so that `odom` and `world` are one frame at
 //! the start of a log and drift apart from there. Random numbers come from ChaCha8 with one stream for each use, so the
 //! same seed gives the same log.
 
 mod building;
+mod damage;
 mod drive;
 mod laser;
 mod odometry;
@@ -22,6 +24,7 @@ mod plan;
 mod world;
 
 pub use building::building;
+pub use damage::Damage;
 use drive::Drive;
 pub use drive::{STEP_RATE, Step, arc};
 pub use laser::Laser;

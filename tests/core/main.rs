@@ -9,6 +9,7 @@ mod anderson_darling;
 mod association;
 mod clustering;
 mod covariance;
+mod damage;
 mod drive;
 mod evaluator;
 mod factor_graph;

@@ -2,6 +2,7 @@
 
 #![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "a test's helpers may fail as a test does")]
 
+mod benchmark;
 mod cli;
 mod faults;
 #[cfg(feature = "record")]
