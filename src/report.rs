@@ -5,6 +5,7 @@ use crate::geometry::{Pose, StampedPose};
 use crate::gpu::DeviceError;
 use crate::log::LogEntry;
 use crate::map::LineMap;
+use crate::objects::Landmark;
 use crate::ppca::Cluster;
 use crate::scan::Scan;
 use crate::tracking::OdometryErrors;
@@ -52,6 +53,11 @@ pub trait Estimator {
 
     /// The result so far; empty before the first reading.
     fn result(&self) -> RunResult;
+
+    /// The objects, as they are seen from these poses of the readings so far; none where nothing detects objects.
+    fn landmarks(&self, _poses: &[Estimate]) -> Vec<Landmark> {
+        Vec::new()
+    }
 
     /// Why the CPU took over from the filter's evaluator; `None` if it did not.
     fn evaluator_failure(&self) -> Option<&DeviceError>;
@@ -231,6 +237,8 @@ pub struct RunResult {
     /// Of all points that clusters explained, the share on those that were left out of the map because more scans looked through
     /// them than saw them: 0 to 1, 0 before smoothing.
     pub looked_through: f64,
+    /// Objects, where detections were given, in the world's frame.
+    pub landmarks: Vec<Landmark>,
 }
 
 impl RunResult {
@@ -266,6 +274,7 @@ impl RunResult {
             map: LineMap { clusters: turned(&self.map.clusters), free: None },
             poses: self.poses.iter().map(estimate).collect(),
             earlier: turned(&self.earlier),
+            landmarks: self.landmarks.iter().map(|landmark| landmark.moved(turn)).collect(),
             ..self.clone()
         }
     }
@@ -274,6 +283,9 @@ impl RunResult {
     pub fn checksum(&self) -> u32 {
         let mut bits = Bits::default();
         bits.map(&self.map.clusters);
+        for landmark in &self.landmarks {
+            bits.add([landmark.position.x, landmark.position.y, landmark.existence]);
+        }
         for (estimate, pose) in self.relied_on() {
             bits.add([estimate.stamp]);
             bits.pose(pose);
