@@ -5,7 +5,7 @@ use crate::geometry::{Pose, StampedPose};
 use crate::gpu::DeviceError;
 use crate::log::LogEntry;
 use crate::map::LineMap;
-use crate::objects::Landmark;
+use crate::objects::{Landmark, ObjectMap};
 use crate::ppca::Cluster;
 use crate::scan::Scan;
 use crate::tracking::OdometryErrors;
@@ -54,7 +54,7 @@ pub trait Estimator {
     /// The result so far; empty before the first reading.
     fn result(&self) -> RunResult;
 
-    /// The objects, as they are seen from these poses of the readings so far; none where nothing detects objects.
+    /// The objects that are surely there, as they are seen from these poses of the readings so far; none where nothing detects objects.
     fn landmarks(&self, _poses: &[Estimate]) -> Vec<Landmark> {
         Vec::new()
     }
@@ -237,8 +237,8 @@ pub struct RunResult {
     /// Of all points that clusters explained, the share on those that were left out of the map because more scans looked through
     /// them than saw them: 0 to 1, 0 before smoothing.
     pub looked_through: f64,
-    /// Objects, where detections were given, in the world's frame.
-    pub landmarks: Vec<Landmark>,
+    /// Objects, where detections were given.
+    pub objects: Option<ObjectMap>,
 }
 
 impl RunResult {
@@ -274,7 +274,7 @@ impl RunResult {
             map: LineMap { clusters: turned(&self.map.clusters), free: None },
             poses: self.poses.iter().map(estimate).collect(),
             earlier: turned(&self.earlier),
-            landmarks: self.landmarks.iter().map(|landmark| landmark.moved(turn)).collect(),
+            objects: self.objects.as_ref().map(|objects| objects.moved(turn)),
             ..self.clone()
         }
     }
@@ -283,7 +283,7 @@ impl RunResult {
     pub fn checksum(&self) -> u32 {
         let mut bits = Bits::default();
         bits.map(&self.map.clusters);
-        for landmark in &self.landmarks {
+        for landmark in self.objects.iter().flat_map(|objects| &objects.landmarks) {
             bits.add([landmark.position.x, landmark.position.y, landmark.existence]);
         }
         for (estimate, pose) in self.relied_on() {

@@ -27,7 +27,7 @@ use crate::loops::{Closed, Keyframe, Loops};
 use crate::map::merging::{MapChange, merge_scan};
 use crate::map::{LineMap, Map, MapCluster, Pool, Slot};
 use crate::motion::Motion;
-use crate::objects::{Detections, Landmark, Objects, Observation};
+use crate::objects::{Detections, Landmark, ObjectMap, Objects, Observation};
 use crate::ppca::Cluster;
 use crate::random::{Draw, bits, uniform};
 use crate::report::{Estimate, Estimator, Event, ReportedParticle, RunResult, StageTimes, StepReport, timed};
@@ -575,6 +575,11 @@ impl Slam {
         self.objects.as_ref().map_or_else(Vec::new, |objects| objects.mapped(world_from_robot).landmarks)
     }
 
+    /// Of these the ones that are surely there.
+    fn sure(&self, world_from_robot: impl Fn(&Observation) -> Pose) -> Vec<Landmark> {
+        self.mapped(world_from_robot).into_iter().filter(Landmark::is_sure).collect()
+    }
+
     fn clusters_of(&self, hypothesis: &Hypothesis) -> Vec<Cluster> {
         self.pool.clusters_of(&hypothesis.map).map(|(_, entry)| entry.cluster).collect()
     }
@@ -613,12 +618,16 @@ impl Estimator for Slam {
             loops: self.loops.found(&path[1..]),
             earlier: self.earlier.clone(),
             looked_through: 0.0,
-            landmarks: self.mapped(|seen| path[seen.step as usize + 1]),
+            objects: self.objects.as_ref().map(|objects| ObjectMap {
+                classes: objects.sensors().classes.clone(),
+                landmarks: self.sure(|seen| path[seen.step as usize + 1]),
+                frames_used: objects.observations().len(),
+            }),
         }
     }
 
     fn landmarks(&self, poses: &[Estimate]) -> Vec<Landmark> {
-        self.mapped(|seen| poses.get(seen.reading).and_then(|estimate| estimate.world_from_robot).unwrap_or_default())
+        self.sure(|seen| poses.get(seen.reading).and_then(|estimate| estimate.world_from_robot).unwrap_or_default())
     }
 
     fn evaluator_failure(&self) -> Option<&DeviceError> {

@@ -14,6 +14,7 @@ mod configuration;
 mod continued;
 mod convert;
 mod dataset;
+mod detections;
 mod devices;
 mod eval;
 mod help;

@@ -85,6 +85,9 @@ impl Summary<'_> {
             )),
         }
         warnings.extend(refused_odometry(&self.mapped.result));
+        if self.mapped.result.objects.as_ref().is_some_and(|objects| objects.frames_used == 0) {
+            warnings.push("no frame of detections lies within the log: is its clock the same?".to_owned());
+        }
         if stats.laser_without_mounting > 0 {
             warnings.push(
                 "the bag does not tell where the laser is mounted (no chain of transforms that never change on /tf_static or /tf): it was taken to be \
@@ -195,6 +198,10 @@ impl Summary<'_> {
                 "looked_through": mapped.result.looked_through,
                 "json_bytes": self.map_bytes,
             },
+            "objects": mapped.result.objects.as_ref().map(|objects| json!({
+                "landmarks": objects.landmarks.len(),
+                "frames_used": objects.frames_used,
+            })),
             "filter": {
                 "steps": counts.steps,
                 "resamplings": counts.resamplings,
@@ -288,6 +295,9 @@ impl Summary<'_> {
                 ),
             ),
         ];
+        let objects = mapped.result.objects.as_ref().map(|objects| {
+            ("objects", format!("{} from {} frames of detections", objects.landmarks.len(), objects.frames_used))
+        });
         let continues = self.earlier.map(|Earlier { path, beginning, .. }| {
             let Pose { x, y, heading } = beginning.world_from_robot;
             let degrees = heading.to_degrees();
@@ -298,7 +308,9 @@ impl Summary<'_> {
         let warnings = self.warnings().into_iter().map(|warning| ("warning", warning)).chain(verdict);
         let mut table = String::new();
         let [log, others @ ..] = rows;
-        for (label, text) in [log].into_iter().chain(continues).chain(others).chain(memory).chain(warnings) {
+        for (label, text) in
+            [log].into_iter().chain(continues).chain(others).chain(objects).chain(memory).chain(warnings)
+        {
             let _ = writeln!(table, "{label:<8} {text}");
         }
         if self.is_scored() {

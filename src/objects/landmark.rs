@@ -29,15 +29,15 @@ const SURE: f64 = 0.9;
 const LEAST_WEIGHT: f64 = 1e-3;
 
 impl Landmark {
-    /// A landmark that one detection has shown, with this probability.
-    pub(super) fn new(detected: &Detected, existence: f64, confusion: &DMatrix<f64>) -> Self {
+    /// A landmark that one detection of this weight has shown, if it is there at all.
+    pub(super) fn new(detected: &Detected, weight: f64, existence: f64, confusion: &DMatrix<f64>) -> Self {
         let classes = vec![1.0; confusion.nrows()];
         let mut landmark = Self {
             position: detected.position.into(),
             covariance: detected.covariance,
             classes,
             existence,
-            sightings: existence,
+            sightings: weight,
         };
         landmark.label(detected.label, 1.0, confusion);
         landmark

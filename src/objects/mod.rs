@@ -60,6 +60,25 @@ pub struct Mapped {
     pub log_likelihood: f64,
 }
 
+/// The objects of a finished run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ObjectMap {
+    /// Names of the classes.
+    pub classes: Vec<String>,
+    /// The objects that are surely there, in the world's frame.
+    pub landmarks: Vec<Landmark>,
+    /// Frames of detections that steps of the filter used.
+    pub frames_used: usize,
+}
+
+impl ObjectMap {
+    /// Seen in a world whose origin is `there_from_here`.
+    pub fn moved(&self, there_from_here: Pose) -> Self {
+        let landmarks = self.landmarks.iter().map(|landmark| landmark.moved(there_from_here)).collect();
+        Self { landmarks, ..self.clone() }
+    }
+}
+
 /// A probability of a label is at least this: no real detector is free of confusions.
 const MIN_CONFUSION: f64 = 1e-3;
 

@@ -74,7 +74,7 @@ impl Objects {
         }
         landmarks.retain(|landmark| landmark.existence >= LEAST_CERTAIN);
         for (seen, &null) in detected.iter().zip(&weights.nulls).filter(|(_, null)| **null >= 0.5) {
-            landmarks.push(Landmark::new(seen, NEW * null, &self.confusion));
+            landmarks.push(Landmark::new(seen, null, NEW * null, &self.confusion));
         }
         weights.log_likelihood
     }

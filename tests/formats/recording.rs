@@ -186,7 +186,7 @@ fn result(steps: u32) -> RunResult {
         loops: Vec::new(),
         earlier: Vec::new(),
         looked_through: 0.0,
-        landmarks: Vec::new(),
+        objects: None,
     }
 }
 
