@@ -60,7 +60,7 @@ pub fn exp(power: f32) -> f32 {
     // ln 2 in two parts, so that the remainder keeps all its bits.
     let rest = (power - exponent * 0.693_359_4) + exponent * 2.121_944_4e-4;
     let mut polynomial = 1.987_569_1e-4;
-    for coefficient in [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_6e-1, 5.000_000_1e-1] {
+    for coefficient in [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_6e-1, 0.5] {
         polynomial = polynomial * rest + coefficient;
     }
     let mantissa = polynomial * rest * rest + rest + 1.0;

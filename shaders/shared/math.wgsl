@@ -58,7 +58,7 @@ fn exp_of(power: f32) -> f32 {
     polynomial = polynomial * rest + 8.333452e-3;
     polynomial = polynomial * rest + 4.1665796e-2;
     polynomial = polynomial * rest + 1.6666666e-1;
-    polynomial = polynomial * rest + 5.0000001e-1;
+    polynomial = polynomial * rest + 0.5;
     let mantissa = polynomial * rest * rest + rest + 1.0;
     return mantissa * bitcast<f32>(u32(i32(exponent) + 127) << 23u);
 }

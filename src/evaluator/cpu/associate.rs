@@ -37,8 +37,8 @@ pub(super) fn associate(seen: &[Seen], horizon: &Horizon, landmarks: &[LandmarkR
         }
         if pairs.iter().any(|&pair| pair > LEAST_PAIR) {
             let before = sums;
-            for set in 0..1 << seen.len() {
-                sums[set] = grown(&before, &pairs, set);
+            for (set, sum) in sums.iter_mut().enumerate().take(1 << seen.len()) {
+                *sum = grown(&before, &pairs, set);
             }
         }
     }
