@@ -424,8 +424,10 @@ impl Slam {
     fn fit_to_objects(&self, particles: &mut [Particle], seen: Option<&Observation>) {
         let Some((objects, seen)) = self.objects.as_ref().zip(seen) else { return };
         let (hypotheses, poses_per_map) = (&self.hypotheses, particles.len() / self.hypotheses.len());
+        // What the scan says of the pose is as uncertain as draws are wide; what objects say is taken at its word.
+        let wider = self.config.proposal.spread.powi(2);
         let fit = |(number, particle): (usize, &mut Particle)| {
-            let before = unpacked(particle.information);
+            let before = unpacked(particle.information) / wider;
             let landmarks = &hypotheses[number / poses_per_map].landmarks;
             let (mode, information) = objects.fitted(landmarks, seen, particle.mode, &before)?;
             let [normal, spread] =
@@ -433,7 +435,7 @@ impl Slam {
             let drawn = particle.world_from_robot.seen_from(particle.mode);
             let drawn = spread?.solve_upper_triangular(&(normal? * Vector3::new(drawn.x, drawn.y, drawn.heading)))?;
             particle.world_from_robot = mode * Pose::new(drawn.x, drawn.y, drawn.z);
-            (particle.mode, particle.information) = (mode, packed(&information));
+            (particle.mode, particle.information) = (mode, packed(&(information * wider)));
             Some(())
         };
         particles.par_iter_mut().enumerate().for_each(|particle| _ = fit(particle));
