@@ -5,7 +5,7 @@
 //! turn) the step from the mode and l_j' the landmark seen from there, l_j' = z_k + H_k d plus an error of covariance
 //! S_kj = R_k + Σ_j. So the information grows to I + Σ_kj w_kj H_kᵀ S_kj⁻¹ H_k, and the mode moves by
 //!
-//! d = (I + Σ w H ᵀ S⁻¹ H)⁻¹ Σ w Hᵀ S⁻¹ (l' - z).
+//! d = (I + Σ w Hᵀ S⁻¹ H)⁻¹ Σ w Hᵀ S⁻¹ (l' - z).
 //!
 //! The weights w_kj are those of the frame under the whole Gaussian: covariances R_k + Σ_j + H_k I⁻¹ H_kᵀ.
 
@@ -52,7 +52,7 @@ impl Objects {
     }
 }
 
-/// How the place where a landmark is expected moves with the robot, seen from where it was: d to H d, negated by the change of view.
+/// H: how far a detection moves over the ground, by the robot's axes, where the robot takes a small step (forward, sideways, turn).
 fn moves(position: Vector2<f64>) -> Matrix2x3<f64> {
     Matrix2x3::new(1.0, 0.0, -position.y, 0.0, 1.0, position.x)
 }
