@@ -114,6 +114,7 @@ pub mod map;
 pub mod math;
 pub mod metrics;
 pub mod motion;
+pub mod objects;
 mod parameters;
 pub mod picture;
 pub mod pipeline;

@@ -1,10 +1,10 @@
-//! Logarithm, sine and cosine in f32 by polynomials, and angles; twin of `shaders/shared/math.wgsl`.
+//! Logarithm, exponential, sine and cosine in f32 by polynomials, and angles; twin of `shaders/shared/math.wgsl`.
 //!
 //! What a device brings along may be coarse (WGSL asks of sin and cos no more than 2⁻¹¹, half a centimetre at a wall ten
 //! metres off), and differs from device to device.
 //!
 //! The polynomials are minimax fits in the form of Cephes (S. L. Moshier, Methods and Programs for Mathematical
-//! Functions, 1989); errors stay below 2e-7, relative for the logarithm and absolute for sine and cosine.
+//! Functions, 1989); errors stay below 2e-7, relative for logarithm and exponential, absolute for sine and cosine.
 
 /// Sine and cosine of an angle of at most a few hundred turns.
 pub fn sin_cos(angle: f32) -> (f32, f32) {
@@ -51,6 +51,22 @@ pub fn ln(value: f32) -> f32 {
     x + low + 0.693_359_4 * exponent
 }
 
+/// e to a power that is not positive; 0 below -87.
+pub fn exp(power: f32) -> f32 {
+    if power < -87.0 {
+        return 0.0;
+    }
+    let exponent = (power * std::f32::consts::LOG2_E).round();
+    // ln 2 in two parts, so that the remainder keeps all its bits.
+    let rest = (power - exponent * 0.693_359_4) + exponent * 2.121_944_4e-4;
+    let mut polynomial = 1.987_569_1e-4;
+    for coefficient in [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_6e-1, 0.5] {
+        polynomial = polynomial * rest + coefficient;
+    }
+    let mantissa = polynomial * rest * rest + rest + 1.0;
+    mantissa * f32::from_bits(((exponent as i32 + 127) as u32) << 23)
+}
+
 const COEFFICIENTS: [f32; 8] = [
     -1.151_461e-1,
     1.167_699_9e-1,
@@ -77,6 +93,19 @@ mod tests {
         }
         println!("worst error up to 40 rad: {worst:.1e}");
         assert!(worst < 2e-7, "{worst:e}");
+    }
+
+    #[test]
+    fn exponential_is_that_of_f64() {
+        let mut worst: f64 = 0.0;
+        for i in 0..=870_000 {
+            let power = i as f32 * -1e-4;
+            let expected = f64::from(power).exp();
+            worst = worst.max((f64::from(exp(power)) - expected).abs() / expected);
+        }
+        println!("worst relative error down to -87: {worst:.1e}");
+        assert!(worst < 2e-7, "{worst:e}");
+        assert_eq!((exp(0.0), exp(-1e30)), (1.0, 0.0));
     }
 
     #[test]

@@ -157,6 +157,9 @@ impl<'a> Run<'a> {
         let smoothed = smoothing.map_or(Ok(()), |smoother| {
             smoother.smooth(self.source, &mut result, &mut |share| _ = goes_on(Progress::Smoothing(share)))
         });
+        if let Some(objects) = result.objects.as_mut().filter(|_| smoothing.is_some()) {
+            objects.landmarks = estimator.landmarks(&result.poses);
+        }
         let smoothing_seconds = began.elapsed().as_secs_f64();
         let finished = Event::Finished { result: &result, is_smoothed: smoothing.is_some() && smoothed.is_ok() };
         observers.iter_mut().for_each(|observer| observer.on_event(&finished));

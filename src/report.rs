@@ -5,6 +5,7 @@ use crate::geometry::{Pose, StampedPose};
 use crate::gpu::DeviceError;
 use crate::log::LogEntry;
 use crate::map::LineMap;
+use crate::objects::{Landmark, ObjectMap};
 use crate::ppca::Cluster;
 use crate::scan::Scan;
 use crate::tracking::OdometryErrors;
@@ -53,6 +54,11 @@ pub trait Estimator {
 
     /// The result so far; empty before the first reading.
     fn result(&self) -> RunResult;
+
+    /// The objects that are surely there, as they are seen from these poses of the readings so far; none where nothing detects objects.
+    fn landmarks(&self, _poses: &[Estimate]) -> Vec<Landmark> {
+        Vec::new()
+    }
 
     /// Why the CPU took over from the filter's evaluator; `None` if it did not.
     fn evaluator_failure(&self) -> Option<&DeviceError>;
@@ -233,6 +239,8 @@ pub struct RunResult {
     /// Of all points that clusters explained, the share on those that were left out of the map because more scans looked through
     /// them than saw them: 0 to 1, 0 before smoothing.
     pub looked_through: f64,
+    /// Objects, where detections were given.
+    pub objects: Option<ObjectMap>,
 }
 
 impl RunResult {
@@ -277,6 +285,7 @@ impl RunResult {
             poses: self.poses.iter().map(estimate).collect(),
             loops: self.loops.iter().map(turned_loop).collect(),
             earlier: turned(&self.earlier),
+            objects: self.objects.as_ref().map(|objects| objects.moved(turn)),
             ..self.clone()
         }
     }
@@ -285,6 +294,9 @@ impl RunResult {
     pub fn checksum(&self) -> u32 {
         let mut bits = Bits::default();
         bits.map(&self.map.clusters);
+        for landmark in self.objects.iter().flat_map(|objects| &objects.landmarks) {
+            bits.add([landmark.position.x, landmark.position.y, landmark.existence]);
+        }
         for (estimate, pose) in self.relied_on() {
             bits.add([estimate.stamp]);
             bits.pose(pose);

@@ -13,6 +13,7 @@ use crate::clustering::cluster_scan;
 use crate::evaluator::cholesky::{Cholesky, packed, unpacked};
 use crate::evaluator::failover::Failover;
 use crate::evaluator::pose::LocalPose;
+use crate::evaluator::sighting::Sighting;
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::tiles::{Tile, reach, tiles};
 use crate::evaluator::{Evaluator, Propagation, Proposal, Scene, Start, best_mode};
@@ -26,6 +27,7 @@ use crate::loops::{Closed, Keyframe, Loops};
 use crate::map::merging::{MapChange, merge_scan};
 use crate::map::{LineMap, Map, MapCluster, Pool, Slot};
 use crate::motion::Motion;
+use crate::objects::{Detections, Landmark, ObjectMap, Objects, Observation};
 use crate::ppca::Cluster;
 use crate::random::{Draw, bits, uniform};
 use crate::report::{Estimate, Estimator, Event, ReportedParticle, RunResult, StageTimes, StepReport, timed};
@@ -33,6 +35,7 @@ use crate::scan::Scan;
 use crate::tracking::Tracker;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 pub use config::{FilterConfig, SlamConfig};
 
@@ -42,6 +45,8 @@ mod config;
 #[derive(Clone, Debug)]
 struct Hypothesis {
     map: Map,
+    /// Shared with hypotheses of the same ancestor until they differ.
+    landmarks: Arc<Vec<Landmark>>,
     world_from_robot: Pose,
     log_weight: f64,
     /// Sum of the log-weights of its whole path: the best particle is the one with the highest.
@@ -56,7 +61,7 @@ struct Particle {
     /// The mode of the posterior that it was drawn around. The particle is weighed there: the distance of the draw from the
     /// mode says nothing about its map. Without scan matching, the pose itself.
     mode: Pose,
-    /// ln of eq. 18 at the mode; `None` without scan matching.
+    /// ln of eq. 18 at the mode, plus that of the set of detections; `None` without scan matching.
     log_likelihood: Option<f64>,
     /// Inverse covariance of the Laplace approximation at the mode, packed; zeros without scan matching.
     information: [f32; 6],
@@ -99,6 +104,8 @@ pub struct Slam {
     /// The motion since the last step.
     tracker: Tracker,
     loops: Loops,
+    /// What a detector of objects sees.
+    objects: Option<Objects>,
     /// The walls of an earlier drive.
     earlier: Vec<Cluster>,
     times: StageTimes,
@@ -120,8 +127,14 @@ impl Slam {
     fn with_failover(config: SlamConfig, evaluator: Failover) -> Self {
         let mut ancestry = Ancestry::default();
         let path = ancestry.extend(None, Pose::IDENTITY);
-        let start =
-            Hypothesis { map: Map::default(), world_from_robot: Pose::IDENTITY, log_weight: 0.0, score: 0.0, path };
+        let start = Hypothesis {
+            map: Map::default(),
+            landmarks: Arc::default(),
+            world_from_robot: Pose::IDENTITY,
+            log_weight: 0.0,
+            score: 0.0,
+            path,
+        };
         Self {
             hypotheses: vec![start; config.maps],
             best: 0,
@@ -134,6 +147,7 @@ impl Slam {
             steps: 0,
             tracker: Tracker::new(config.motion, config.tracking),
             loops: Loops::new(config.closer(), LineMap::default()),
+            objects: None,
             earlier: Vec::new(),
             times: StageTimes::default(),
             config,
@@ -144,11 +158,18 @@ impl Slam {
     pub fn continuing(mut self, earlier: &LineMap, world_from_robot: Pose) -> Self {
         let map = Map::known(&earlier.clusters, &mut self.pool, &self.config.merging);
         let path = self.ancestry.extend(None, world_from_robot);
-        self.hypotheses.fill(Hypothesis { map, world_from_robot, log_weight: 0.0, score: 0.0, path });
+        let landmarks = Arc::default();
+        self.hypotheses.fill(Hypothesis { map, landmarks, world_from_robot, log_weight: 0.0, score: 0.0, path });
         self.table.update(&mut self.pool, world_from_robot);
         self.loops = Loops::new(self.config.closer(), earlier.clone());
         self.earlier = earlier.clusters.clone();
         self
+    }
+
+    /// The filter before its first reading, with what a detector of objects sees in the drive. Of the frames between two steps the
+    /// last one counts, and its eight nearest detections.
+    pub fn detecting(self, detections: Detections) -> Self {
+        Self { objects: Some(Objects::new(detections)), ..self }
     }
 
     /// Tracks the robot; takes a step at the first scan and whenever the robot has moved far enough.
@@ -164,6 +185,9 @@ impl Slam {
         let mut times = std::mem::take(&mut self.times);
         timed(&mut times.track, || self.track(&tiles));
         self.times = times;
+        if let Some(objects) = &mut self.objects {
+            objects.follow(reading.stamp, self.tracker.tracked().mean);
+        }
         if self.steps == 0 || !self.config.tracking.is_too_near(self.tracker.tracked().mean) {
             self.step(&scan, &tiles, reading.odom_from_robot, observe);
         }
@@ -189,8 +213,10 @@ impl Slam {
         let mut times = std::mem::take(&mut self.times);
         // 6c-i. The same for all particles, whatever their poses.
         let clusters = timed(&mut times.cluster, || cluster_scan(scan, &self.config.clustering).clusters);
+        let seen = self.observe(scan);
         // 6a
         let mut particles = timed(&mut times.propagate, || self.propagate(tiles));
+        timed(&mut times.propagate, || self.fit_to_objects(&mut particles, seen.as_ref()));
         if self.config.ablation.weigh_merged_map {
             // 6c-ii to v, for every particle
             self.move_maps(&particles);
@@ -200,6 +226,7 @@ impl Slam {
         if self.config.ablation.weigh_merged_map || particles.iter().any(|p| p.log_likelihood.is_none()) {
             timed(&mut times.weigh, || self.evaluate(&mut particles, tiles));
         }
+        timed(&mut times.weigh, || self.add_set_likelihood(&mut particles, seen.as_ref()));
         self.add_tempered(&mut particles);
         let weights = normalised(&particles.iter().map(|particle| particle.log_weight).collect::<Vec<_>>());
         // 6d
@@ -209,6 +236,7 @@ impl Slam {
             // 6c-ii to v, for the survivors alone
             timed(&mut times.merge, || self.merge(&clusters));
         }
+        timed(&mut times.merge, || self.update_landmarks(seen.as_ref()));
 
         let reported: Vec<ReportedParticle> = particles
             .iter()
@@ -251,13 +279,20 @@ impl Slam {
         }
         // Node 0 of a path is the start.
         let best = self.ancestry.path(self.hypotheses[self.best].path);
-        let Some(Closed { path, map }) = self.loops.close(&best[1..], &mut self.evaluator) else { return };
+        let objects = self.objects.as_ref();
+        let log_likelihood = |path: &[Pose]| {
+            objects.map_or(0.0, |objects| objects.mapped(|seen| path[seen.step as usize]).log_likelihood)
+        };
+        let Some(Closed { path, map }) = self.loops.close(&best[1..], &mut self.evaluator, &log_likelihood) else {
+            return;
+        };
         let Some(&world_from_robot) = path.last() else { return };
         let start = self.ancestry.extend(None, best[0]);
         let end = path.iter().fold(start, |end, &pose| self.ancestry.extend(Some(end), pose));
         let map = Map { slots: map.into_iter().map(|cluster| self.pool.insert(cluster)).collect() };
+        let landmarks = Arc::new(self.mapped(|seen| path[seen.step as usize]));
         let score = self.hypotheses[self.best].score;
-        self.hypotheses.fill(Hypothesis { map, world_from_robot, log_weight: 0.0, score, path: end });
+        self.hypotheses.fill(Hypothesis { map, landmarks, world_from_robot, log_weight: 0.0, score, path: end });
         self.pool.keep_only(self.hypotheses.iter().map(|hypothesis| &hypothesis.map));
         self.table.update(&mut self.pool, world_from_robot);
     }
@@ -374,6 +409,61 @@ impl Slam {
         }
     }
 
+    /// The frame of objects that this step has, if any.
+    fn observe(&mut self, scan: &Scan) -> Option<Observation> {
+        let (step_from_robot, reading) = (self.tracker.tracked().mean, self.readings.len());
+        self.objects.as_mut()?.observe(self.steps, reading, step_from_robot, scan)
+    }
+
+    /// Moves the mode of every particle to where the detections fit the landmarks of its own map too, and its draw along: the same
+    /// normal numbers, spread by the covariance there.
+    fn fit_to_objects(&self, particles: &mut [Particle], seen: Option<&Observation>) {
+        let Some((objects, seen)) = self.objects.as_ref().zip(seen) else { return };
+        let (hypotheses, poses_per_map) = (&self.hypotheses, particles.len() / self.hypotheses.len());
+        // What the scan says of the pose is as uncertain as draws are wide; what objects say is taken at its word.
+        let wider = self.config.proposal.spread.powi(2);
+        let fit = |(number, particle): (usize, &mut Particle)| {
+            let before = unpacked(particle.information) / wider;
+            let landmarks = &hypotheses[number / poses_per_map].landmarks;
+            let (mode, information) = objects.fitted(landmarks, seen, particle.mode, &before)?;
+            let [normal, spread] =
+                [before, information].map(|information| Some(information.cholesky()?.l().transpose()));
+            let drawn = particle.world_from_robot.seen_from(particle.mode);
+            let drawn = spread?.solve_upper_triangular(&(normal? * Vector3::new(drawn.x, drawn.y, drawn.heading)))?;
+            particle.world_from_robot = mode * Pose::new(drawn.x, drawn.y, drawn.z);
+            (particle.mode, particle.information) = (mode, packed(&(information * wider)));
+            Some(())
+        };
+        particles.par_iter_mut().enumerate().for_each(|particle| _ = fit(particle));
+    }
+
+    /// Multiplies eq. 18 of every particle by the likelihood of the set of detections, given the landmarks of its own map.
+    fn add_set_likelihood(&mut self, particles: &mut [Particle], seen: Option<&Observation>) {
+        let Some((objects, seen)) = self.objects.as_ref().zip(seen) else { return };
+        let anchor = self.table.anchor();
+        let of_a_map = particles.chunks(particles.len() / self.hypotheses.len());
+        let rows = |(from, particles): (&Hypothesis, &[Particle])| {
+            let robot = particles[0].mode.position();
+            let off = |particle: &Particle| (particle.mode.position() - robot).norm();
+            let distance = particles.iter().map(off).fold(0.0, f64::max);
+            objects.rows(&from.landmarks, seen, robot, distance, anchor)
+        };
+        let landmarks: Vec<_> = self.hypotheses.iter().zip(of_a_map).map(rows).collect();
+        let poses: Vec<LocalPose> = particles.iter().map(|p| LocalPose::new(p.mode, anchor)).collect();
+        let sighting = Sighting { seen: &seen.seen(), horizon: &seen.horizon, landmarks: &landmarks };
+        for (particle, log_likelihood) in particles.iter_mut().zip(self.evaluator.associate(&sighting, &poses)) {
+            particle.log_likelihood = particle.log_likelihood.map(|scan| scan + f64::from(log_likelihood));
+        }
+    }
+
+    /// Takes the detections into the landmarks of every map.
+    fn update_landmarks(&mut self, seen: Option<&Observation>) {
+        let Some((objects, seen)) = self.objects.as_ref().zip(seen) else { return };
+        self.hypotheses.par_iter_mut().for_each(|hypothesis| {
+            objects.update(Arc::make_mut(&mut hypothesis.landmarks), seen, hypothesis.world_from_robot);
+        });
+    }
+
     /// Table I, 6d: each map keeps one of its poses; maps are resampled where too few of them carry the weight.
     /// Returns whether they were, and the parent index of each survivor.
     fn resample(&mut self, particles: &[Particle], weights: &[f64]) -> (bool, Vec<u32>) {
@@ -393,6 +483,7 @@ impl Slam {
                 let (from, particle) = (&self.hypotheses[survivor], &particles[poses.start + drawn]);
                 Hypothesis {
                     map: from.map.clone(),
+                    landmarks: Arc::clone(&from.landmarks),
                     world_from_robot: particle.world_from_robot,
                     log_weight: if resampled { 0.0 } else { map_weights[survivor].ln() },
                     score: from.score + particle.gain,
@@ -477,6 +568,16 @@ impl Slam {
         }
     }
 
+    /// The landmarks of a path: `world_from_robot` at the step of each frame.
+    fn mapped(&self, world_from_robot: impl Fn(&Observation) -> Pose) -> Vec<Landmark> {
+        self.objects.as_ref().map_or_else(Vec::new, |objects| objects.mapped(world_from_robot).landmarks)
+    }
+
+    /// Of these the ones that are surely there.
+    fn sure(&self, world_from_robot: impl Fn(&Observation) -> Pose) -> Vec<Landmark> {
+        self.mapped(world_from_robot).into_iter().filter(Landmark::is_sure).collect()
+    }
+
     fn clusters_of(&self, hypothesis: &Hypothesis) -> Vec<Cluster> {
         self.pool.clusters_of(&hypothesis.map).map(|(_, entry)| entry.cluster).collect()
     }
@@ -515,7 +616,16 @@ impl Estimator for Slam {
             loops: self.loops.found(&path[1..]),
             earlier: self.earlier.clone(),
             looked_through: 0.0,
+            objects: self.objects.as_ref().map(|objects| ObjectMap {
+                classes: objects.sensors().classes.clone(),
+                landmarks: self.sure(|seen| path[seen.step as usize + 1]),
+                frames_used: objects.observations().len(),
+            }),
         }
+    }
+
+    fn landmarks(&self, poses: &[Estimate]) -> Vec<Landmark> {
+        self.sure(|seen| poses.get(seen.reading).and_then(|estimate| estimate.world_from_robot).unwrap_or_default())
     }
 
     fn evaluator_failure(&self) -> Option<&DeviceError> {

@@ -1,4 +1,4 @@
-// Logarithm, sine and cosine by polynomials: those of a device may be coarse. Twin of src/math.rs.
+// Logarithm, exponential, sine and cosine by polynomials: those of a device may be coarse. Twin of src/math.rs.
 
 const TAU = 6.28318530717958647692;
 const SQRT_2 = 1.41421356237309504880;
@@ -44,6 +44,23 @@ fn ln(value: f32) -> f32 {
     let square = x * x;
     let low = polynomial * x * square - 2.1219444e-4 * f32(exponent) - 0.5 * square;
     return x + low + 0.6933594 * f32(exponent);
+}
+
+// e to a power that is not positive; 0 below -87.
+fn exp_of(power: f32) -> f32 {
+    if power < -87.0 {
+        return 0.0;
+    }
+    let exponent = round(power * 1.44269504088896341);
+    let rest = (power - exponent * 0.6933594) + exponent * 2.1219444e-4;
+    var polynomial = 1.9875691e-4;
+    polynomial = polynomial * rest + 1.3981999e-3;
+    polynomial = polynomial * rest + 8.333452e-3;
+    polynomial = polynomial * rest + 4.1665796e-2;
+    polynomial = polynomial * rest + 1.6666666e-1;
+    polynomial = polynomial * rest + 0.5;
+    let mantissa = polynomial * rest * rest + rest + 1.0;
+    return mantissa * bitcast<f32>(u32(i32(exponent) + 127) << 23u);
 }
 
 // A pose (x, y, heading) after a motion (forward, sideways, turn) of the robot.

@@ -16,6 +16,7 @@ mod continued;
 mod convert;
 mod dataset;
 mod degrade;
+mod detections;
 mod devices;
 mod eval;
 mod help;

@@ -6,13 +6,16 @@ use super::say::say;
 use anyhow::{Context as _, bail, ensure};
 use ipslam::geometry::StampedPose;
 use ipslam::grid::{FreeArea, GridBuilder, OccupancyGrid};
+use ipslam::io::semantic::results;
 use ipslam::io::{geojson, map_json, map_server, poses, tum, write_whole};
 use ipslam::log::{LogEntry, LogSource, readings};
 use ipslam::map::LineMap;
+use ipslam::objects::ObjectMap;
 use ipslam::picture::Figures;
 use ipslam::pipeline::Outcome;
 use ipslam::report::RunResult;
 use ipslam::scan::{Scan, ScanConfig};
+use ipslam::semantic::Plane;
 use std::fs::{File, TryLockError};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -174,6 +177,13 @@ impl Outputs {
         self.note(poses::write(&path, &result.poses));
     }
 
+    fn write_landmarks(&mut self, objects: &ObjectMap) {
+        let landmarks: Vec<_> = objects.landmarks.iter().map(Into::into).collect();
+        for (name, text) in results::landmark_files::<Plane>(&objects.classes, &landmarks) {
+            self.write(name, text.as_bytes());
+        }
+    }
+
     /// Keeps an error for the end.
     pub fn note<E: Into<anyhow::Error>>(&mut self, result: Result<(), E>) {
         self.errors.extend(result.err().map(Into::into));
@@ -231,6 +241,7 @@ impl Outputs {
         let path = self.stage("walls.geojson");
         self.note(write_whole(&path, |file| geojson::write_walls(&map.clusters, file)));
         self.draw(&figures);
+        result.objects.iter().for_each(|objects| self.write_landmarks(objects));
         map_bytes
     }
 

@@ -39,6 +39,11 @@ impl From<RecordLevel> for ipslam::record::rerun::Level {
 }
 
 impl RecordingArgs {
+    /// Whether anything is recorded or shown.
+    pub fn is_asked_for(&self) -> bool {
+        self.record.is_some() || self.connect.is_some()
+    }
+
     /// The observers that record or show the run.
     #[cfg(feature = "record")]
     pub fn observers(&self, info: &RunInfo, input: Option<&Path>) -> anyhow::Result<Vec<Box<dyn Observer>>> {

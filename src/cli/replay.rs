@@ -135,6 +135,8 @@ mod with_recorder {
         }
         let smooth = recorded.result.is_none_or(|result| result.is_smoothed);
         let job = Job {
+            // What is recorded has none.
+            detections: None,
             source: &recorded,
             info: &info,
             config: &config,

@@ -3,6 +3,7 @@
 use super::backend::{BackendArgs, Chosen};
 use super::configuration::ConfigArgs;
 use super::continued::{ContinueArgs, Earlier, ScansFrom};
+use super::detections::DetectionArgs;
 use super::interrupt;
 use super::log::LogArgs;
 use super::output::{OutArgs, Outputs};
@@ -17,6 +18,7 @@ use ipslam::config::{Config, SlamConfig};
 use ipslam::evaluator::Evaluator;
 use ipslam::grid::{OccupancyGrid, RESOLUTION};
 use ipslam::log::LogSource;
+use ipslam::objects::Detections;
 use ipslam::pipeline::{Continued, Counts, End, Outcome, Run, RunInfo};
 use ipslam::report::{Confidence, Observer};
 use ipslam::simulate::Simulation;
@@ -38,6 +40,8 @@ pub struct RunArgs {
     out: OutArgs,
     #[command(flatten)]
     earlier: ContinueArgs,
+    #[command(flatten)]
+    detections: DetectionArgs,
     #[command(flatten)]
     config: ConfigArgs,
     #[command(flatten)]
@@ -104,6 +108,7 @@ impl RunArgs {
     ) -> anyhow::Result<(PathBuf, Vec<anyhow::Error>)> {
         let source = self.source(log)?;
         source.open()?;
+        let detections = self.detections.read(&self.recording)?;
         let mut outputs =
             if self.more.is_empty() { self.out.open(&source.name())? } else { self.out.open_below(&source.name())? };
         // Before signals are watched for: it ends at the first.
@@ -116,6 +121,7 @@ impl RunArgs {
         let mut observers = self.recording.observers(&info, log)?;
         let job = Job {
             source: &ScansFrom { source: &*source, reading },
+            detections: detections.as_ref(),
             info: &info,
             config,
             max_scans: self.max_scans,
@@ -155,6 +161,8 @@ pub enum Printed {
 /// A run about to start.
 pub struct Job<'a> {
     pub source: &'a dyn LogSource,
+    /// What a detector of objects saw.
+    pub detections: Option<&'a Detections>,
     pub info: &'a RunInfo,
     /// That of the information.
     pub config: &'a SlamConfig,
@@ -189,6 +197,9 @@ impl Job<'_> {
         };
         if let Some(Continued { map, world_from_robot, .. }) = &self.info.continues {
             slam = slam.continuing(map, *world_from_robot);
+        }
+        if let Some(detections) = self.detections {
+            slam = slam.detecting(detections.clone());
         }
         let smoothing = self.smooth.then(|| config.smoother());
         let run = Run { max_scans: self.max_scans, smoothing, ..Run::of(self.source) };

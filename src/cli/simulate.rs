@@ -6,9 +6,14 @@ use super::say::print_line;
 use anyhow::{Context as _, ensure};
 use clap::ValueEnum;
 use ipslam::io::carmen::CarmenWriter;
+use ipslam::io::semantic::{DETECTIONS, SENSORS, write_detections};
 use ipslam::io::{tum, write_whole};
 use ipslam::log::LogSource as _;
-use ipslam::simulate::{Laser, OdometryNoise, Simulation, SimulationConfig, SimulationError, building, random_offices};
+use ipslam::objects::Detections;
+use ipslam::simulate::{
+    Laser, OdometryNoise, Simulation, SimulationConfig, SimulationError, building, camera, look_alike_wings,
+    random_offices,
+};
 use std::path::PathBuf;
 
 /// Longest log that is written [bytes].
@@ -55,11 +60,13 @@ enum WorldKind {
     Building,
     /// Corridors and rooms drawn from the seed
     Random,
+    /// Side corridors that a laser cannot tell apart, with objects that a detector sees: detections.csv and sensors.toml
+    Wings,
 }
 
 /// Writes the log and the truth, and says where.
 pub fn simulate(args: &SimulateArgs) -> anyhow::Result<()> {
-    let simulation = simulation(args)?;
+    let (simulation, classes) = simulation(args)?;
     let size = log_size(&simulation);
     ensure!(
         size <= LARGEST_LOG,
@@ -70,7 +77,9 @@ pub fn simulate(args: &SimulateArgs) -> anyhow::Result<()> {
         ))
     );
     let [log, truth] = ["log", "truth.tum"].map(|ending| args.out.join(format!("{}.{ending}", simulation.name())));
-    for file in [&log, &truth] {
+    let [detections, sensors] = [DETECTIONS, SENSORS].map(|name| args.out.join(name));
+    let of_objects = [&detections, &sensors].into_iter().filter(|_| !classes.is_empty());
+    for file in [&log, &truth].into_iter().chain(of_objects) {
         let is_free = args.force || !file.exists();
         let remedy = "it is there already: name another folder, or replace it with --force";
         ensure!(is_free, UsageError(format!("{}: {remedy}", file.display())));
@@ -93,16 +102,25 @@ pub fn simulate(args: &SimulateArgs) -> anyhow::Result<()> {
     }
     written?;
     tum::write(&truth, &simulation.truth().collect::<Vec<_>>())?;
+    if !classes.is_empty() {
+        let sensors = camera(&classes);
+        let frames = simulation.frames(&sensors);
+        write_detections(&args.out, &Detections { sensors, frames })?;
+    }
 
     let (driven, steps) =
         simulation.steps().fold((0.0, 0), |(driven, steps), step| (driven + step.distance, steps + 1));
     let seconds = f64::from(steps - 1) / ipslam::simulate::STEP_RATE;
     print_line!("{}: {} scans, {driven:.0} m in {seconds:.0} s", log.display(), simulation.sweeps());
     print_line!("{}: the true poses", truth.display());
+    if !classes.is_empty() {
+        print_line!("{}: what a detector of objects saw, for `ipslam run --detections`", detections.display());
+    }
     Ok(())
 }
 
-fn simulation(args: &SimulateArgs) -> anyhow::Result<Simulation> {
+/// The simulation, and the classes of objects in it.
+fn simulation(args: &SimulateArgs) -> anyhow::Result<(Simulation, Vec<String>)> {
     ensure!(
         (0.0..=50.0).contains(&args.odometry_noise),
         UsageError(format!("--odometry-noise is {}, but has to be 0 to 50", args.odometry_noise))
@@ -124,12 +142,11 @@ fn simulation(args: &SimulateArgs) -> anyhow::Result<Simulation> {
     };
     // Whatever is wrong with a simulation was an option.
     let wrong = |error: SimulationError| UsageError(error.to_string());
+    let of_random = || UsageError("--size is for --world random; the others have sizes of their own".to_owned());
+    ensure!(args.size.is_none() || args.world == WorldKind::Random, of_random());
     let (name, plan) = match args.world {
-        WorldKind::Building => {
-            let of_random = || UsageError("--size is for --world random; the building has its own size".to_owned());
-            ensure!(args.size.is_none(), of_random());
-            (format!("building-seed{}", args.seed), building())
-        }
+        WorldKind::Building => (format!("building-seed{}", args.seed), building()),
+        WorldKind::Wings => (format!("wings-seed{}", args.seed), look_alike_wings(args.seed)),
         WorldKind::Random => {
             let (width, height) = args.size.unwrap_or((60.0, 40.0));
             (
@@ -138,7 +155,8 @@ fn simulation(args: &SimulateArgs) -> anyhow::Result<Simulation> {
             )
         }
     };
-    Ok(Simulation::new(name, plan, config).map_err(wrong)?)
+    let classes = plan.classes.clone();
+    Ok((Simulation::new(name, plan, config).map_err(wrong)?, classes))
 }
 
 /// About how many bytes the log will take: six a range, and a hundred or two a line for the rest.

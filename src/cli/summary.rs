@@ -85,6 +85,9 @@ impl Summary<'_> {
             )),
         }
         warnings.extend(refused_odometry(&self.mapped.result));
+        if self.mapped.result.objects.as_ref().is_some_and(|objects| objects.frames_used == 0) {
+            warnings.push("no frame of detections lies within the log: is its clock the same?".to_owned());
+        }
         if stats.laser_without_mounting > 0 {
             warnings.push(
                 "the bag has no mounting of the laser (no chain of fixed transforms on /tf_static or /tf): the laser was assumed to be at the robot's \
@@ -195,6 +198,10 @@ impl Summary<'_> {
                 "looked_through": mapped.result.looked_through,
                 "json_bytes": self.map_bytes,
             },
+            "objects": mapped.result.objects.as_ref().map(|objects| json!({
+                "landmarks": objects.landmarks.len(),
+                "frames_used": objects.frames_used,
+            })),
             "filter": {
                 "steps": counts.steps,
                 "resamplings": counts.resamplings,
@@ -282,6 +289,9 @@ impl Summary<'_> {
                 ),
             ),
         ];
+        let objects = mapped.result.objects.as_ref().map(|objects| {
+            ("objects", format!("{} from {} frames of detections", objects.landmarks.len(), objects.frames_used))
+        });
         let continues = self.continues.map(|Continued { name, world_from_robot: Pose { x, y, heading }, .. }| {
             let degrees = heading.to_degrees();
             ("", format!("goes on with {name}, from ({x:.2}, {y:.2}) m, {degrees:.0}° in it"))
@@ -291,7 +301,9 @@ impl Summary<'_> {
         let warnings = self.warnings().into_iter().map(|warning| ("warning", warning)).chain(verdict);
         let mut table = String::new();
         let [log, others @ ..] = rows;
-        for (label, text) in [log].into_iter().chain(continues).chain(others).chain(memory).chain(warnings) {
+        for (label, text) in
+            [log].into_iter().chain(continues).chain(others).chain(objects).chain(memory).chain(warnings)
+        {
             let _ = writeln!(table, "{label:<8} {text}");
         }
         if self.is_scored() {

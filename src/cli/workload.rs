@@ -223,6 +223,7 @@ pub fn instructions() -> String {
 mod tests {
     use super::*;
     use ipslam::evaluator::cpu::CpuEvaluator;
+    use ipslam::evaluator::sighting::Sighting;
     use ipslam::evaluator::{Propagation, Proposal};
 
     /// The CPU, but for the first weight of poses that stay, and of poses that move.
@@ -249,6 +250,10 @@ mod tests {
             let mut weighed = CpuEvaluator.advance(scene, how, poses)?;
             weighed[0].log_likelihood += self.0[1];
             Ok(weighed)
+        }
+
+        fn associate(&mut self, _: &Sighting<'_>, _: &[LocalPose]) -> Result<Vec<f32>, DeviceError> {
+            Ok(Vec::new())
         }
     }
 

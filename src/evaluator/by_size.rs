@@ -2,6 +2,7 @@
 
 use super::cpu::CpuEvaluator;
 use super::pose::LocalPose;
+use super::sighting::Sighting;
 use super::{Advance, Evaluator, Propagation, Proposal, Scene, Weighed};
 use crate::gpu::DeviceError;
 
@@ -38,5 +39,9 @@ impl<E: Evaluator> Evaluator for BySize<E> {
 
     fn advance(&mut self, scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Result<Vec<Weighed>, DeviceError> {
         self.of(poses.len()).advance(scene, how, poses)
+    }
+
+    fn associate(&mut self, sighting: &Sighting<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError> {
+        self.of(poses.len()).associate(sighting, poses)
     }
 }

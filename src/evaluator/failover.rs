@@ -1,6 +1,7 @@
 //! The CPU takes over where a device fails.
 
 use super::pose::LocalPose;
+use super::sighting::Sighting;
 use super::{Advance, Evaluator, Propagation, Proposal, Scene, Weighed, cpu};
 use crate::gpu::{DeviceError, guarded};
 
@@ -36,6 +37,12 @@ impl Failover {
     pub fn advance(&mut self, scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Vec<Weighed> {
         self.preferred(|evaluator| evaluator.advance(scene, how, poses))
             .unwrap_or_else(|| cpu::advance_all(scene, how, poses))
+    }
+
+    /// As [`Evaluator::associate`].
+    pub fn associate(&mut self, sighting: &Sighting<'_>, poses: &[LocalPose]) -> Vec<f32> {
+        self.preferred(|evaluator| evaluator.associate(sighting, poses))
+            .unwrap_or_else(|| cpu::associate_all(sighting, poses))
     }
 
     /// What the preferred evaluator answers, while there is one.

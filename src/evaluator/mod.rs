@@ -11,6 +11,7 @@
 //! | `refine` | Gauss-Newton steps from there to a mode of the posterior: the log of eq. 18 plus that of eq. 17 | |
 //! | `draw` | a pose around the mode, from the Laplace approximation | |
 //! | `weigh` | the log-likelihood of the scan | 18 |
+//! | `associate` | that of the detections of a frame, over all assignments to the landmarks of the map | |
 //!
 //! `advance` is `propagate` and `weigh` of poses that each start from where they are, as localisation in a known map needs
 //! it by the million.
@@ -26,6 +27,7 @@ use crate::map::Slot;
 use crate::parameters::parameters;
 use crate::random::Draw;
 use pose::LocalPose;
+use sighting::Sighting;
 use table::ClusterTable;
 use tiles::Tile;
 
@@ -37,6 +39,7 @@ pub mod failover;
 pub mod gpu;
 pub mod grouping;
 pub mod pose;
+pub mod sighting;
 pub mod table;
 pub mod tiles;
 
@@ -200,6 +203,14 @@ pub trait Evaluator: std::fmt::Debug + Send {
     /// # Errors
     /// As for `propagate`.
     fn advance(&mut self, scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Result<Vec<Weighed>, DeviceError>;
+
+    /// The log-likelihood of the detections from each pose, summed over all one-to-one assignments of detections to the
+    /// landmarks of its map; as many poses for each map, those of the first map first. Their number is a multiple of that of
+    /// the maps.
+    ///
+    /// # Errors
+    /// As for `propagate`.
+    fn associate(&mut self, sighting: &Sighting<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError>;
 }
 
 /// Widest factor of heavy-tailed noise: farther starts lie outside the reach of any climb.

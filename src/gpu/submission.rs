@@ -77,6 +77,12 @@ fn bind(device: &Device, layout: &wgpu::BindGroupLayout, bound: &[Bound<'_>]) ->
 pub struct Pipeline(wgpu::ComputePipeline);
 
 impl Pipeline {
+    /// Makes a kernel of a WGSL text ready.
+    pub fn new(device: &Device, bindings: &Bindings, entry_point: &str, source: String) -> Self {
+        let [pipeline] = Self::all(device, bindings, entry_point, source, [&[]]);
+        pipeline
+    }
+
     /// Makes a kernel of a WGSL text ready, once for each value of an override constant of it.
     pub fn with_constants<const N: usize>(
         device: &Device,
@@ -86,6 +92,17 @@ impl Pipeline {
         constant: &str,
         values: [f64; N],
     ) -> [Self; N] {
+        let constants = values.map(|value| [(constant, value)]);
+        Self::all(device, bindings, entry_point, source, constants.each_ref().map(|of_one| &of_one[..]))
+    }
+
+    fn all<const N: usize>(
+        device: &Device,
+        bindings: &Bindings,
+        entry_point: &str,
+        source: String,
+        constants: [&[(&str, f64)]; N],
+    ) -> [Self; N] {
         let layout = device.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: None,
             bind_group_layouts: &[Some(&bindings.layout)],
@@ -94,14 +111,14 @@ impl Pipeline {
         let label = Some(entry_point);
         let source = wgpu::ShaderSource::Wgsl(source.into());
         let module = device.device.create_shader_module(wgpu::ShaderModuleDescriptor { label, source });
-        values.map(|value| {
+        constants.map(|constants| {
             let descriptor = wgpu::ComputePipelineDescriptor {
                 label,
                 layout: Some(&layout),
                 module: &module,
                 entry_point: label,
                 compilation_options: wgpu::PipelineCompilationOptions {
-                    constants: &[(constant, value)],
+                    constants,
                     // Every lane writes its own place before others read it.
                     zero_initialize_workgroup_memory: false,
                 },

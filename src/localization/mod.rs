@@ -339,6 +339,7 @@ impl Estimator for Localization {
             loops: Vec::new(),
             earlier: Vec::new(),
             looked_through: 0.0,
+            objects: None,
         }
     }
 

@@ -192,8 +192,14 @@ impl Loops {
         self.drive.travelled.last().is_some_and(|way| way - self.searched >= self.config.loops.search_distance)
     }
 
-    /// Searches for a loop, and closes the one that it finds. `path` is `world_from_robot` at every step.
-    pub fn close(&mut self, path: &[Pose], evaluator: &mut Failover) -> Option<Closed> {
+    /// Searches for a loop, and closes the one that it finds. `path` is `world_from_robot` at every step, and `log_likelihood` that
+    /// of all else that was seen on a path: it may refuse a loop, as another place that looks alike.
+    pub fn close(
+        &mut self,
+        path: &[Pose],
+        evaluator: &mut Failover,
+        log_likelihood: &dyn Fn(&[Pose]) -> f64,
+    ) -> Option<Closed> {
         self.searched = *self.drive.travelled.last()?;
         let steps = std::mem::replace(&mut self.tied, path.len())..path.len();
         self.ties.extend(revisits(&self.drive, path, steps, &[], &self.config));
@@ -203,7 +209,7 @@ impl Loops {
         let near = if self.drive.earlier.clusters.is_empty() { f64::INFINITY } else { BACK };
         let new = Tie::new(found.world_from_robot, path, window, near);
         let hypothesis = self.bend(path, &new, window)?;
-        let is_closed = hypothesis.cost <= FAILURE;
+        let is_closed = hypothesis.cost <= FAILURE && log_likelihood(&hypothesis.path) >= log_likelihood(path);
         let step = new.newer;
         self.found.push(Loop {
             stamp: self.drive.keyframes[step].stamp,

@@ -3,6 +3,7 @@
 //! A run is over before its pictures are made: the final map and the trajectories are known, and the scans are fed
 //! one at a time from a second reading of the log, so no scan is kept.
 
+use super::objects::Objects;
 use super::reproject::ClusterGrid;
 use super::{Line, PNG_SIDE, Picture, PictureError, PointRaster, Stroke, View, svg_to_png};
 use crate::geometry::{Pose, StampedPose};
@@ -23,6 +24,7 @@ pub struct Figures<'a> {
     /// The way between, told apart in the same way.
     between: Vec<StampedPose>,
     reference: &'a [StampedPose],
+    objects: Option<Objects<'a>>,
     world_from_odom: Pose,
     odometry: Vec<StampedPose>,
     grid: ClusterGrid,
@@ -49,6 +51,7 @@ impl<'a> Figures<'a> {
             trajectory,
             between,
             reference,
+            objects: result.objects.as_ref().map(Objects::on_map),
             world_from_odom,
             odometry: odometry.iter().map(moved).collect(),
             grid: ClusterGrid::new(&result.map.clusters),
@@ -95,12 +98,13 @@ impl<'a> Figures<'a> {
         let path = &self.trajectory[..];
         let scans = format!("{} points of {} scans", thousands(self.registered.count()), thousands(self.scans));
         let (count, length) = (clusters.len(), path_length(path));
-        let picture = Picture::new(name)
+        let mut picture = Picture::new(name)
             .note(format!("{count} walls, {scans}; path {length:.0} m"))
             .view(View::around([path], self.clusters, Some(&self.registered)))
             .points("laser points", &self.registered)
             .clusters(self.clusters)
             .trajectory("path of the robot", Line::ESTIMATE, path);
+        picture.objects = self.objects.clone();
         if self.between.is_empty() {
             return picture;
         }

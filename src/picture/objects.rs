@@ -8,6 +8,7 @@ use super::figures::{Files, drawn, path_length};
 use super::svg::{LegendEntry, Page, hex, text};
 use super::{Line, Picture, PictureError, View, is_drawable};
 use crate::geometry::StampedPose;
+use crate::objects::ObjectMap;
 use crate::semantic::{Landmark, SemanticMap, World};
 use nalgebra::{Point2, Vector2};
 use std::collections::HashMap;
@@ -74,6 +75,12 @@ impl<'a> Objects<'a> {
         Self { classes: W::labels(sensors).0, landmarks, detections, links }
     }
 
+    /// Those of a run of the filter.
+    pub(super) fn on_map(map: &'a ObjectMap) -> Self {
+        let landmarks = map.landmarks.iter().map(Landmark::from).collect();
+        Self { classes: &map.classes, landmarks, ..Self::default() }
+    }
+
     /// Classes of which there is a landmark or a detection.
     fn shown(&self) -> impl Iterator<Item = (usize, &'a String)> {
         let is_shown = |class: usize| {
@@ -96,6 +103,9 @@ impl<'a> Objects<'a> {
             "<ellipse cx=\"15\" cy=\"0\" rx=\"14\" ry=\"7\" fill=\"{colour}\" fill-opacity=\"0.2\" stroke=\"{colour}\"/>"
         );
         entries.push(LegendEntry { label: "95 % of the position".to_owned(), swatch: ellipse });
+        if self.detections.is_empty() {
+            return entries;
+        }
         let link = format!(
             "<path d=\"M4 0H28\" stroke=\"{LABEL}\" stroke-width=\"1\"/><circle cx=\"4\" cy=\"0\" r=\"2.6\" fill=\"{colour}\"/>"
         );

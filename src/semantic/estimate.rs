@@ -1,6 +1,7 @@
 //! Path, calibration, map and weights.
 
 use super::world::{Plane, Square, World};
+use crate::objects;
 use crate::report::Bits;
 use nalgebra::{DMatrix, Point2};
 
@@ -15,6 +16,13 @@ pub struct Landmark<W: World = Plane> {
     pub classes: Vec<f64>,
     /// Sum of its weights: the expected number of its detections.
     pub weight: f64,
+}
+
+impl From<&objects::Landmark> for Landmark {
+    fn from(landmark: &objects::Landmark) -> Self {
+        let objects::Landmark { position, covariance, ref classes, sightings, .. } = *landmark;
+        Self { position, covariance, classes: classes.clone(), weight: sightings }
+    }
 }
 
 impl<W: World> Landmark<W> {

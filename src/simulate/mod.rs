@@ -2,11 +2,12 @@
 //!
 //! | part | what it is |
 //! |---|---|
-//! | [`Plan`] | a floor plan and a tour: [`building()`] is built in, [`random_offices`] draws one of any size |
+//! | [`Plan`] | a floor plan and a tour: [`building()`] is built in, [`random_offices`] draws one of any size, the parts of [`look_alike_wings`] are alike |
 //! | [`World`] | the walls, and exact ray casting against them |
 //! | [`Step`] | the true motion, ten steps a second |
 //! | [`OdometryNoise`] | true motion to reported motion |
 //! | [`Laser`] | true pose to ranges |
+//! | [`Object`] | what a detector of objects can see, and how it errs |
 //! | [`Simulation`] | all of it as a log that can be mapped directly |
 //! | [`Damage`] | any log, made harder |
 //!
@@ -18,9 +19,11 @@ mod building;
 mod damage;
 mod drive;
 mod laser;
+mod objects;
 mod odometry;
 mod offices;
 mod plan;
+mod wings;
 mod world;
 
 pub use building::building;
@@ -28,11 +31,14 @@ pub use damage::Damage;
 use drive::Drive;
 pub use drive::{STEP_RATE, Step, arc};
 pub use laser::Laser;
+pub use objects::{Object, camera};
 pub use odometry::OdometryNoise;
 pub use offices::random_offices;
 pub use plan::Plan;
+pub use wings::look_alike_wings;
 pub use world::{Wall, World};
 
+use crate::detections::{Frame, Sensors};
 use crate::geometry::{Pose, StampedPose};
 use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use nalgebra::Point2;
@@ -50,6 +56,7 @@ enum Stream {
     Odometry = 0,
     Laser = 1,
     World = 2,
+    Detector = 3,
 }
 
 fn generator(seed: u64, stream: Stream) -> ChaCha8Rng {
@@ -95,6 +102,7 @@ pub struct Simulation {
     name: String,
     world: Arc<World>,
     tour: Arc<[Point2<f64>]>,
+    objects: Arc<[Object]>,
     config: SimulationConfig,
     steps: u64,
 }
@@ -133,7 +141,8 @@ impl Simulation {
             Some(seconds) => (seconds * STEP_RATE) as u64 + 1,
             None => Drive::new(Arc::clone(&tour), false).count() as u64,
         };
-        Self { name, world: Arc::new(World::new(plan.walls)), tour, config, steps }
+        let (world, objects) = (Arc::new(World::new(plan.walls)), plan.objects.into());
+        Self { name, world, tour, objects, config, steps }
     }
 
     /// The walls.
@@ -160,6 +169,13 @@ impl Simulation {
     pub fn truth(&self) -> impl Iterator<Item = StampedPose> + use<> {
         let steps = self.steps().zip(0u64..).step_by(STEPS_PER_SWEEP as usize);
         steps.map(|(step, index)| StampedPose { stamp: stamp(index), pose: step.world_from_robot })
+    }
+
+    /// What a detector of objects sees at every sweep of the laser. The classes are those of the plan.
+    pub fn frames(&self, sensors: &Sensors) -> Vec<Frame> {
+        let mut rng = generator(self.config.seed, Stream::Detector);
+        let frame = |at: StampedPose| objects::frame(at.stamp, &self.world, &self.objects, at.pose, sensors, &mut rng);
+        self.truth().map(frame).collect()
     }
 
     fn drive(&self) -> Drive {

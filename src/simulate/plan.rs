@@ -1,5 +1,6 @@
 //! Drawing a floor plan: partitions with thickness and doors, pillars, furniture, and the robot's tour through them.
 
+use super::objects::Object;
 use super::world::Wall;
 use nalgebra::{Point2, Rotation2, Vector2};
 
@@ -17,6 +18,10 @@ pub struct Plan {
     pub walls: Vec<Wall>,
     /// Way-points of one tour, which ends where it begins, so that it can be driven again.
     pub tour: Vec<Point2<f64>>,
+    /// Names of the classes of objects.
+    pub classes: Vec<String>,
+    /// Objects that a detector can see.
+    pub objects: Vec<Object>,
 }
 
 /// A gap in a partition.

@@ -3,6 +3,7 @@
 use ipslam::config::SlamConfig;
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::pose::LocalPose;
+use ipslam::evaluator::sighting::Sighting;
 use ipslam::evaluator::{Advance, Evaluator, Propagation, Proposal, Scene, Weighed};
 use ipslam::gpu::DeviceError;
 use ipslam::log::LogSource;
@@ -43,6 +44,11 @@ impl Evaluator for Dying {
     fn advance(&mut self, scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Result<Vec<Weighed>, DeviceError> {
         self.breathe()?;
         CpuEvaluator.advance(scene, how, poses)
+    }
+
+    fn associate(&mut self, sighting: &Sighting<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError> {
+        self.breathe()?;
+        CpuEvaluator.associate(sighting, poses)
     }
 }
 

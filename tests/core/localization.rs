@@ -219,7 +219,7 @@ fn corridor(seed: u64, x: f64) -> Vec<(LogEntry, Pose)> {
     let tour = [[2.0, 2.0], [17.5, 2.0], [17.5, 10.0], [2.0, 10.0], [2.0, 2.0]].map(Into::into).to_vec();
     let laser = Laser { field_of_view: std::f64::consts::TAU, max_range: 12.0, ..Laser::default() };
     let config = SimulationConfig { seed, laser, ..SimulationConfig::default() };
-    readings(&Simulation::new("corridor".to_owned(), Plan { walls, tour }, config).unwrap())
+    readings(&Simulation::new("corridor".to_owned(), Plan { walls, tour, ..Plan::default() }, config).unwrap())
 }
 
 /// A building that is the same from its other side, in a map that is not: an end of a long wall is missing from it, and what

@@ -64,7 +64,7 @@ fn follow_in(
             tracked,
         });
         if loops.is_due()
-            && let Some(Closed { path: bent, map }) = loops.close(&path, &mut Failover::new(None))
+            && let Some(Closed { path: bent, map }) = loops.close(&path, &mut Failover::new(None), &|_| 0.0)
         {
             assert!(bent.len() == path.len() && !map.is_empty());
             (path, rebuilt) = (bent, map);

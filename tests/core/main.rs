@@ -6,6 +6,9 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test's helpers may fail as a test does")]
 
 mod anderson_darling;
+#[path = "../common/assignments.rs"]
+mod assignments;
+mod associate;
 mod association;
 mod clustering;
 mod covariance;
@@ -19,6 +22,7 @@ mod localization;
 mod loops;
 mod matching;
 mod merging;
+mod objects;
 #[path = "../common/oracle.rs"]
 mod oracle;
 mod picture;

@@ -288,6 +288,7 @@ fn run() -> (RunResult, Vec<(Scan, Pose, Pose)>) {
             loops: Vec::new(),
             earlier: Vec::new(),
             looked_through: 0.0,
+            objects: None,
         },
         scans,
     )

@@ -114,7 +114,8 @@ fn in_room(width: f64, height: f64, laser: Laser, odometry: OdometryNoise, durat
     let at = |x: f64, y: f64| Point2::new(x * width, y * height);
     let tour = vec![at(0.4, 0.4), at(0.6, 0.4), at(0.6, 0.6), at(0.4, 0.6), at(0.4, 0.4)];
     let config = SimulationConfig { seed: 5, laser, odometry, duration: Some(duration) };
-    Simulation::new("room".to_owned(), Plan { walls: rectangle(width, height), tour }, config).unwrap()
+    Simulation::new("room".to_owned(), Plan { walls: rectangle(width, height), tour, ..Plan::default() }, config)
+        .unwrap()
 }
 
 fn entries(simulation: &Simulation) -> Vec<LogEntry> {
@@ -504,10 +505,10 @@ fn absurd_options_are_refused_by_name() {
     let tours =
         [vec![], tour(&[(1.0, 1.0)]), tour(&[(0.0, 0.0), (0.1, 0.0), (0.0, 0.0)]), tour(&[(0.0, 0.0), (9.0, 0.0)])];
     for tour in tours {
-        let plan = Plan { walls: rectangle(10.0, 10.0), tour };
+        let plan = Plan { walls: rectangle(10.0, 10.0), tour, ..Plan::default() };
         let error = Simulation::new("bad".to_owned(), plan, SimulationConfig::default()).unwrap_err().to_string();
         assert!(error.contains("tour"), "{error}");
     }
-    let plan = Plan { walls: rectangle(f64::NAN, 10.0), tour: building().tour };
+    let plan = Plan { walls: rectangle(f64::NAN, 10.0), ..building() };
     assert!(Simulation::new("bad".to_owned(), plan, SimulationConfig::default()).is_err());
 }

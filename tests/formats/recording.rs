@@ -186,6 +186,7 @@ fn result(steps: u32) -> RunResult {
         loops: Vec::new(),
         earlier: Vec::new(),
         looked_through: 0.0,
+        objects: None,
     }
 }
 

@@ -1,7 +1,9 @@
 //! What needs no device: the kernels are valid WGSL, and what they share with the host lies alike on both sides.
 
+use ipslam::evaluator::gpu::association::{Association, AssociationJob};
 use ipslam::evaluator::gpu::kernels::{Kernel, Sharing};
 use ipslam::evaluator::gpu::layout::{GROUP, Group, GroupBounds, Job, LIST_ROOM, ParticleMode, Phase};
+use ipslam::evaluator::sighting::{LandmarkRow, SECTORS, Seen};
 use ipslam::evaluator::tiles::Tile;
 use ipslam::evaluator::{CONVERGED, MAX_STEP, MAX_TAIL, PRIOR_TAIL};
 use ipslam::likelihood::ClusterParams;
@@ -22,6 +24,7 @@ fn sources() -> impl Iterator<Item = (Kernel, Sharing)> {
 }
 
 pub fn kernels_are_valid() {
+    validated(&Association::source()).unwrap_or_else(|error| panic!("associate: {error}"));
     for (kernel, sharing) in sources() {
         let source = kernel.source(sharing);
         let module = validated(&source).unwrap_or_else(|error| panic!("{kernel:?}: {error}"));
@@ -70,15 +73,25 @@ pub fn structs_lie_alike_on_both_sides() {
         fields!(Phase, restart, may_step),
     ];
     for (kernel, sharing) in sources() {
-        let module = validated(&kernel.source(sharing)).unwrap();
-        for (name, size, fields) in &structs {
-            let found = module.types.iter().find(|(_, kind)| kind.name.as_deref() == Some(*name));
-            let (_, kind) = found.unwrap_or_else(|| panic!("{kernel:?} has no {name}"));
-            let TypeInner::Struct { members, span } = &kind.inner else { panic!("{name} is no struct") };
-            let members: Vec<(&str, usize)> =
-                members.iter().map(|m| (m.name.as_deref().unwrap_or_default(), m.offset as usize)).collect();
-            assert_eq!((members, *span as usize), (fields.clone(), *size), "{name}: WGSL and Rust");
-        }
+        lie_alike(&structs, &kernel.source(sharing));
+    }
+    let structs: [Fields; 3] = [
+        fields!(AssociationJob, sensor, min_range, seen_count, max_ranges),
+        fields!(Seen, x, y, xx, xy, yy, log_null, padding),
+        fields!(LandmarkRow, x, y, xx, xy, yy, log_detected, log_missed, padding, log_label),
+    ];
+    lie_alike(&structs, &Association::source());
+}
+
+fn lie_alike(structs: &[Fields], source: &str) {
+    let module = validated(source).unwrap();
+    for (name, size, fields) in structs {
+        let found = module.types.iter().find(|(_, kind)| kind.name.as_deref() == Some(*name));
+        let (_, kind) = found.unwrap_or_else(|| panic!("no {name} in {source}"));
+        let TypeInner::Struct { members, span } = &kind.inner else { panic!("{name} is no struct") };
+        let members: Vec<(&str, usize)> =
+            members.iter().map(|m| (m.name.as_deref().unwrap_or_default(), m.offset as usize)).collect();
+        assert_eq!((members, *span as usize), (fields.clone(), *size), "{name}: WGSL and Rust");
     }
 }
 
@@ -99,5 +112,6 @@ pub fn constants_are_the_same_on_both_sides() {
     for (kernel, text) in written {
         assert!(kernel.source(Sharing::Loads).contains(&text), "{kernel:?} has no {text}");
     }
+    assert!(Association::source().contains(&format!("const SECTORS = {SECTORS}u;")));
     assert_eq!(GROUP, 64, "the lanes of a workgroup");
 }

@@ -6,6 +6,9 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+#[path = "../common/assignments.rs"]
+mod assignments;
+mod associate;
 mod consistency;
 mod driver;
 mod failing;
@@ -28,10 +31,11 @@ use libtest_mimic::{Arguments, Trial};
 /// A test that needs a device.
 type DeviceTest = fn(&Adapter);
 
-const DEVICE_TESTS: [(&str, DeviceTest); 14] = [
+const DEVICE_TESTS: [(&str, DeviceTest); 15] = [
     ("poses_are_propagated_alike", consistency::poses_are_propagated_alike),
     ("scans_are_weighed_alike", consistency::scans_are_weighed_alike),
     ("poses_advance_alike", consistency::poses_advance_alike),
+    ("detections_are_associated_alike", associate::detections_are_associated_alike),
     ("poses_are_refined_alike", consistency::poses_are_refined_alike),
     ("draws_are_alike", consistency::draws_are_alike),
     ("candidate_lists_leave_nothing_out", consistency::candidate_lists_leave_nothing_out),

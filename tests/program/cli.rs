@@ -1083,3 +1083,29 @@ fn a_map_that_cannot_be_used_is_an_error() {
         place.ipslam(&[&["localize", "mapped/map.json", "drive.clf"], &words[..]].concat()).ended(2);
     }
 }
+
+/// Objects beside lines, from the simulator's files; what cannot be used is told.
+#[test]
+fn detections_come_to_the_map() {
+    let place = Place::new();
+    place.ipslam(&["simulate", "--out", "sim", "--world", "wings", "--duration", "12"]).ended(0);
+    let run = ["run", "sim/wings-seed1.log", "--detections", "sim/detections.csv", "--out", "out"];
+    let done = place.ipslam(&[&run[..], &FEW].concat());
+    assert!(done.ended(0).out.contains("\nobjects  "), "{}", done.out);
+    let summary = place.summary("out");
+    let found = summary["objects"]["landmarks"].as_u64().unwrap();
+    assert!(found > 3 && summary["objects"]["frames_used"].as_u64().unwrap() > 10, "{}", summary["objects"]);
+    let table = std::fs::read_to_string(place.path("out/landmarks.csv")).unwrap();
+    assert!(table.starts_with("landmark,class,x,y,xx,xy,yy,weight\n") && table.contains(",door,"), "{table}");
+    assert_eq!(table.lines().count() as u64, found + 1);
+    assert!(std::fs::read_to_string(place.path("out/map.svg")).unwrap().contains("id=\"landmarks\""));
+
+    place
+        .ipslam(&[&run[..], &["--force", "--record", "run.rrd"]].concat())
+        .failed(2, &["cannot be recorded yet", "--record"]);
+    let text = std::fs::read_to_string(place.path("sim/detections.csv")).unwrap();
+    place.write("sim/detections.csv", text.replacen(",chair,", ",dragon,", 1));
+    place.ipslam(&[&run[..], &["--force"]].concat()).failed(1, &["sim/detections.csv:", "`dragon`", "sensors.toml"]);
+    std::fs::remove_file(place.path("sim/sensors.toml")).unwrap();
+    place.ipslam(&[&run[..], &["--force"]].concat()).failed(1, &["sim/sensors.toml", "cannot be opened"]);
+}

@@ -2,6 +2,7 @@
 
 use super::grouping::{ParticleGroup, by_place, in_order};
 use super::pose::LocalPose;
+use super::sighting::Sighting;
 use super::{Advance, Evaluator, Mode, PosePrior, Propagation, Proposal, Scene, Weighed};
 use crate::evaluator::tiles::Tile;
 use crate::gpu::DeviceError;
@@ -10,6 +11,7 @@ use crate::map::Slot;
 use cull::{Candidates, LocalMap};
 use rayon::prelude::*;
 
+mod associate;
 pub mod cull;
 mod draw;
 mod likeliest;
@@ -41,6 +43,10 @@ impl Evaluator for CpuEvaluator {
 
     fn advance(&mut self, scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Result<Vec<Weighed>, DeviceError> {
         Ok(advance_all(scene, how, poses))
+    }
+
+    fn associate(&mut self, sighting: &Sighting<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError> {
+        Ok(associate_all(sighting, poses))
     }
 }
 
@@ -94,6 +100,16 @@ pub fn advance_all(scene: &Scene<'_>, how: &Advance, poses: &[LocalPose]) -> Vec
         poses.into_iter().zip(log_likelihoods).map(weighed).collect::<Vec<_>>()
     };
     poses.par_chunks(WEIGHED).enumerate().flat_map_iter(advance).collect()
+}
+
+/// As [`Evaluator::associate`].
+pub fn associate_all(sighting: &Sighting<'_>, poses: &[LocalPose]) -> Vec<f32> {
+    let Sighting { seen, horizon, landmarks } = sighting;
+    let poses_per_map = (poses.len() / landmarks.len().max(1)).max(1);
+    let associate = |(number, &pose): (usize, &LocalPose)| {
+        associate::associate(seen, horizon, &landmarks[number / poses_per_map], pose)
+    };
+    poses.par_iter().enumerate().map(associate).collect()
 }
 
 /// A scan matched to a map.

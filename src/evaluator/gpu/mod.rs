@@ -10,6 +10,7 @@
 use super::by_size::MANY;
 use super::grouping::{ParticleGroup, by_place, in_order};
 use super::pose::LocalPose;
+use super::sighting::Sighting;
 use super::table::{Changed, ClusterTable, Revision};
 use super::{Advance, Evaluator, Mode, Propagation, Proposal, SLACK, Scene, Weighed};
 use crate::gpu::buffers::{Buffer, Usage};
@@ -18,10 +19,12 @@ use crate::gpu::submission::{Bindings, Pipeline, Submission};
 use crate::gpu::{DeviceError, guarded};
 use crate::likelihood::ClusterParams;
 use crate::map::Slot;
+use association::Association;
 use buffers::{Buffers, phase_offset};
 use kernels::{Kernel, Sharing};
 use layout::{GROUP, Group, GroupBounds, Job, LIST_ROOM, ParticleMode, Phase};
 
+pub mod association;
 mod buffers;
 pub mod kernels;
 pub mod layout;
@@ -34,6 +37,8 @@ pub struct GpuEvaluator {
     pipelines: [[Pipeline; 2]; 5],
     buffers: Buffers,
     bindings: Bindings,
+    /// Since the first frame of detections.
+    association: Option<Association>,
     /// What poses are read back through.
     read_poses: Buffer,
     /// What modes and candidate lists are read back through.
@@ -94,7 +99,7 @@ impl GpuEvaluator {
             Buffer::new(&device, "the poses to read", Usage::Readback),
             Buffer::new(&device, "what else is read", Usage::Readback),
         );
-        Ok(Self { device, pipelines, buffers, bindings, read_poses, read_more, revision: None })
+        Ok(Self { device, pipelines, buffers, bindings, association: None, read_poses, read_more, revision: None })
     }
 
     /// What the driver calls the device.
@@ -260,6 +265,14 @@ impl Evaluator for GpuEvaluator {
             );
         }
         Ok(all)
+    }
+
+    fn associate(&mut self, sighting: &Sighting<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError> {
+        let association = match &mut self.association {
+            Some(association) => association,
+            none => none.insert(Association::new(&self.device)?),
+        };
+        association.associate(&self.device, sighting, poses)
     }
 }
 

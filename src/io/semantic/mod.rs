@@ -6,6 +6,7 @@
 use super::{WriteError, write_whole};
 use crate::detections::{DetectionKind, Frame, Recording, Recording3};
 use crate::log::LogError;
+use crate::objects::Detections;
 use std::path::Path;
 
 mod detections;
@@ -14,7 +15,8 @@ pub mod results;
 pub mod sensors;
 pub mod truth;
 
-const SENSORS: &str = "sensors.toml";
+/// What is known about the sensors.
+pub const SENSORS: &str = "sensors.toml";
 const ODOMETRY: &str = "odometry.csv";
 /// The detections; folders of this kind are recognised by this file.
 pub const DETECTIONS: &str = "detections.csv";
@@ -67,12 +69,7 @@ pub fn read(folder: &Path) -> Result<ReadRecording, LogError> {
     warnings.extend(frames_without_odometry(odometry.span(), &frames));
     let recording = Recording { sensors, odometry, frames };
     let in_view: usize = recording.frames.iter().map(|frame| frame.in_view(recording.sensors.view).count()).sum();
-    match recording.detections() - in_view {
-        0 => {}
-        count => {
-            warnings.push(format!("{count} detections are left out: they lie outside what [view] of {SENSORS} says"))
-        }
-    }
+    warnings.extend(outside_view(recording.detections() - in_view));
     Ok(ReadRecording { recording, warnings })
 }
 
@@ -90,7 +87,38 @@ pub fn read3(folder: &Path) -> Result<ReadRecording<Recording3>, LogError> {
     Ok(ReadRecording { recording: Recording3 { sensors, odometry, frames }, warnings })
 }
 
-fn unknown_columns(files: [(&str, Vec<String>); 2]) -> Vec<String> {
+/// Reads detections that belong to a log, with the `sensors.toml` beside them, whose odometry is not used; and what is odd about
+/// them, one sentence each.
+///
+/// # Errors
+/// As for [`read`].
+pub fn read_detections(path: &Path) -> Result<(Detections, Vec<String>), LogError> {
+    let sensors = sensors::read(&path.with_file_name(SENSORS))?;
+    let (frames, unknown) = detections::read(path, &sensors.classes)?;
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let mut warnings = unknown_columns([(&name, unknown)]);
+    let count = |in_view: bool| -> usize {
+        frames.iter().map(|f| if in_view { f.in_view(sensors.view).count() } else { f.detections.len() }).sum()
+    };
+    warnings.extend(outside_view(count(false) - count(true)));
+    Ok((Detections { sensors, frames }, warnings))
+}
+
+/// Writes `detections.csv` and `sensors.toml` into a folder.
+///
+/// # Errors
+/// A file cannot be written, or the detections are none that could be read.
+pub fn write_detections(folder: &Path, Detections { sensors, frames }: &Detections) -> Result<(), WriteError> {
+    write_whole(&folder.join(DETECTIONS), |file| detections::write(frames, &sensors.classes, file))?;
+    write_whole(&folder.join(SENSORS), |file| sensors::write(sensors, file))
+}
+
+fn outside_view(count: usize) -> Option<String> {
+    let told = || format!("{count} detections are left out: they lie outside what [view] of {SENSORS} says");
+    (count > 0).then(told)
+}
+
+fn unknown_columns<const N: usize>(files: [(&str, Vec<String>); N]) -> Vec<String> {
     let is_odd = |(_, unknown): &(&str, Vec<String>)| !unknown.is_empty();
     let tell = |(name, unknown): (&str, Vec<String>)| {
         format!("{name}: columns left out, of which nothing is known: {}", unknown.join(", "))

@@ -1,23 +1,24 @@
 //! What `ipslam semantic` found, as files that `docs/formats.md` describes.
 
 use crate::io::table::quoted;
-use crate::semantic::{Mapped, SemanticMap, Square, Weight, World};
+use crate::semantic::{Landmark, Mapped, SemanticMap, Square, Weight, World};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 /// Names of the files and what is in them.
 pub fn files<W: World>(classes: &[String], map: &SemanticMap<W>) -> [(&'static str, String); 4] {
-    [
-        ("landmarks.json", landmarks_json(classes, map)),
-        ("landmarks.csv", landmarks(classes, map)),
-        ("covariances.csv", covariances(map)),
-        ("weights.csv", weights(map)),
-    ]
+    let [json, csv] = landmark_files(classes, &map.landmarks);
+    [json, csv, ("covariances.csv", covariances(map)), ("weights.csv", weights(map))]
 }
 
-fn landmarks_json<W: World>(classes: &[String], map: &SemanticMap<W>) -> String {
-    let landmarks = map.landmarks.iter().enumerate().map(|(number, landmark)| {
+/// The same of landmarks alone.
+pub fn landmark_files<W: World>(classes: &[String], landmarks: &[Landmark<W>]) -> [(&'static str, String); 2] {
+    [("landmarks.json", landmarks_json(classes, landmarks)), ("landmarks.csv", landmarks_csv(classes, landmarks))]
+}
+
+fn landmarks_json<W: World>(classes: &[String], landmarks: &[Landmark<W>]) -> String {
+    let landmarks = landmarks.iter().enumerate().map(|(number, landmark)| {
         let probabilities: BTreeMap<&str, f64> =
             classes.iter().map(String::as_str).zip(landmark.classes.iter().copied()).collect();
         let position: W::Numbers = landmark.position.into();
@@ -34,10 +35,10 @@ fn landmarks_json<W: World>(classes: &[String], map: &SemanticMap<W>) -> String 
     format!("{:#}\n", json!({ "landmarks": landmarks.collect::<Vec<_>>() }))
 }
 
-fn landmarks<W: World>(classes: &[String], map: &SemanticMap<W>) -> String {
+fn landmarks_csv<W: World>(classes: &[String], landmarks: &[Landmark<W>]) -> String {
     let axes = &["x", "y", "z"][..W::POINT];
     let mut text = format!("landmark,class,{},{},weight\n", axes.join(","), pairs(axes));
-    for (number, landmark) in map.landmarks.iter().enumerate() {
+    for (number, landmark) in landmarks.iter().enumerate() {
         let class = classes.get(landmark.class()).map_or("", String::as_str);
         let position: W::Numbers = landmark.position.into();
         let position: Vec<String> = position.as_ref().iter().map(|number| format!("{number:.6}")).collect();
