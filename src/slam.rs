@@ -606,10 +606,15 @@ impl Estimator for Slam {
     fn result(&self) -> RunResult {
         let best = &self.hypotheses[self.best];
         // Node 0 of a path is the start.
-        let path = self.ancestry.path(best.path);
+        let mut path = self.ancestry.path(best.path);
+        let mut clusters = self.clusters_of(best);
+        if let Some(Closed { path: bent, map }) = self.loops.finish(&path[1..]) {
+            path.splice(1.., bent);
+            clusters = map.into_iter().map(|entry| entry.cluster).collect();
+        }
         let estimate = |reading: &Reading| self.estimate(reading, Some(path[reading.step as usize]));
         RunResult {
-            map: LineMap { clusters: self.clusters_of(best), free: None },
+            map: LineMap { clusters, free: None },
             poses: self.readings.iter().map(estimate).collect(),
             refused_odometry: self.tracker.refused().to_vec(),
             odometry_errors: self.tracker.odometry_errors(),

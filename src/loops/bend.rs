@@ -80,6 +80,15 @@ impl Chain {
     pub fn new(keyframes: &[Keyframe], path: &[Pose], doubt: Doubt) -> Self {
         let motions: Vec<Pose> =
             (0..path.len()).map(|step| path[step].seen_from(path[step.saturating_sub(1)])).collect();
+        Self::with_motions(keyframes, motions, doubt)
+    }
+
+    /// As the scans of each step have tracked them, before any loop was closed.
+    pub fn as_tracked(keyframes: &[Keyframe]) -> Self {
+        Self::with_motions(keyframes, keyframes.iter().map(|keyframe| keyframe.tracked.mean).collect(), Doubt::None)
+    }
+
+    fn with_motions(keyframes: &[Keyframe], motions: Vec<Pose>, doubt: Doubt) -> Self {
         let usual = usual(keyframes, &motions);
         let least = Matrix3::from_diagonal(&Vector3::from(MOTION).map(|sigma| sigma * sigma));
         let covariance = |(keyframe, &moved): (&Keyframe, &Pose)| match doubt {

@@ -3,7 +3,8 @@
 //! Drift beyond the spread of the particles cannot be mended by particles. So while the robot drives, the walls of its last
 //! metres are laid over the older part of the map, wherever on it the robot may be (`search`). Where they fit, a pose graph
 //! bends the path (`bend`): it holds the motions from step to step, and the scans of all visits to a place against each other
-//! (`revisits`), so that what is known well stays as it is. Then the map is rebuilt from the scans of all steps (`rebuild`).
+//! (`revisits`), so that what is known well stays as it is. Then the map is rebuilt from the scans of all steps (`rebuild`). When the
+//! log is over, the path is bent once more as a whole.
 //!
 //! What was found is a hypothesis and no fact: rooms look alike. So it has to be the only place of its kind, the drift of this
 //! drive or matches that failed have to explain it, and the visits to all places have to agree better than before.
@@ -225,6 +226,26 @@ impl Loops {
             self.ties = hypothesis.ties;
             rebuild(&self.drive.earlier.clusters, &self.drive.keyframes, &hypothesis.path, &self.config)
         })
+    }
+
+    /// The whole path bent once more, where loops have bent it in parts: with the motions as they were tracked, and the ties of all
+    /// visits to a place. `None` where no loop was closed, or where the visits agree no better on it.
+    pub fn finish(&self, path: &[Pose]) -> Option<Closed> {
+        if !self.found(path).iter().any(|found| found.is_closed) {
+            return None;
+        }
+        let chain = Chain::as_tracked(&self.drive.keyframes);
+        let all = |path: &[Pose], known: &[Tie]| revisits(&self.drive, path, 0..path.len(), known, &self.config);
+        let agreement = |path: &[Pose], ties: &[Tie]| agreement(&self.drive, path, ties, &self.config);
+        let mut ties = all(path, &self.ties);
+        let before = agreement(path, &ties);
+        let mut bent = path.to_vec();
+        for _ in 0..PASSES {
+            Bent { path: bent, .. } = chain.bent(&bent, &ties, None)?;
+            ties = all(&bent, &ties);
+        }
+        (agreement(&bent, &ties) > before)
+            .then(|| rebuild(&self.drive.earlier.clusters, &self.drive.keyframes, &bent, &self.config))
     }
 
     /// The place of the older map that explains the window, if it is the only one of its kind and another one than where the robot

@@ -31,11 +31,17 @@ fn steps(config: &SlamConfig) -> Vec<(Pose, Scan)> {
     steps
 }
 
-/// Follows the steps with motions that are true but for one, which is turned by `torn` \[rad\] where odometry is not. The path in the
-/// end, seen from its first pose, and the loops.
-fn follow(steps: &[(Pose, Scan)], torn: f64, config: &SlamConfig) -> (Vec<Pose>, Vec<Loop>) {
-    let (path, found, _) = follow_in(&LineMap::default(), steps, Pose::IDENTITY, torn, config);
-    (path, found)
+/// Follows the steps with motions that are true but for their turns, which are off by `turned` \[rad\] where odometry is not. The path in
+/// the end, seen from its first pose, and the loops.
+fn follow(steps: &[(Pose, Scan)], turned: impl Fn(usize) -> f64, config: &SlamConfig) -> (Vec<Pose>, Loops) {
+    let (path, loops, _) = follow_in(&LineMap::default(), steps, Pose::IDENTITY, turned, config);
+    (path, loops)
+}
+
+/// Torn by 0.3 rad in one place.
+fn torn(steps: &[(Pose, Scan)]) -> impl Fn(usize) -> f64 {
+    let place = steps.len() / 4;
+    move |step| if step == place { 0.3 } else { 0.0 }
 }
 
 /// The same from this pose in the map of an earlier drive, and the last map that was rebuilt.
@@ -43,17 +49,16 @@ fn follow_in(
     earlier: &LineMap,
     steps: &[(Pose, Scan)],
     first: Pose,
-    torn: f64,
+    turned: impl Fn(usize) -> f64,
     config: &SlamConfig,
-) -> (Vec<Pose>, Vec<Loop>, Vec<MapCluster>) {
+) -> (Vec<Pose>, Loops, Vec<MapCluster>) {
     let mut loops = Loops::new(config.closer(), earlier.clone());
     let (mut path, mut rebuilt) = (Vec::<Pose>::new(), Vec::new());
     for (number, (truth, scan)) in steps.iter().enumerate() {
         let moved = truth.seen_from(steps[number.saturating_sub(1)].0);
         let by_odometry = Travel::measured(moved).motion(&config.motion, Pose::IDENTITY);
-        let turn = if number == steps.len() / 4 { torn } else { 0.0 };
         let mut tracked = by_odometry;
-        tracked.mean = Pose { heading: moved.heading + turn, ..moved };
+        tracked.mean = Pose { heading: moved.heading + turned(number), ..moved };
         tracked.covariance *= 1e-4;
         path.push(path.last().map_or(first, |&last| last * tracked.mean));
         loops.add(Keyframe {
@@ -70,8 +75,7 @@ fn follow_in(
             (path, rebuilt) = (bent, map);
         }
     }
-    let found = loops.found(&path);
-    (path, found, rebuilt)
+    (path, loops, rebuilt)
 }
 
 /// The greatest distance from the truth, seen from the first pose \[m\].
@@ -86,17 +90,20 @@ fn a_torn_path_is_bent_where_the_robot_comes_back() {
     let config = SlamConfig::default();
     let steps = steps(&config);
     let never = SlamConfig { loops: LoopConfig { search_distance: 0.0, ..config.loops }, ..config };
-    let (torn, none) = follow(&steps, 0.3, &never);
-    assert!(none.is_empty() && off(&torn, &steps) > 3.0, "the path is not torn: {} m", off(&torn, &steps));
+    let (broken, none) = follow(&steps, torn(&steps), &never);
+    assert!(none.found(&broken).is_empty() && off(&broken, &steps) > 3.0, "it is not torn: {} m", off(&broken, &steps));
 
-    let (path, found) = follow(&steps, 0.3, &config);
-    println!("seed {SEED}: {} steps, {} m off, then {} m", steps.len(), off(&torn, &steps), off(&path, &steps));
+    let (path, loops) = follow(&steps, torn(&steps), &config);
+    let found = loops.found(&path);
+    // As it was tracked it was torn: bent as a whole, the visits would agree less.
+    assert!(loops.finish(&path).is_none());
+    println!("seed {SEED}: {} steps, {} m off, then {} m", steps.len(), off(&broken, &steps), off(&path, &steps));
     assert!(off(&path, &steps) < 0.5, "seed {SEED}: {} m off; {found:?}", off(&path, &steps));
     // Where it was torn it is whole again, and visits to one place are as far apart as they were.
     let step = steps.len() / 4;
     let turn = |path: &[Pose]| path[step].seen_from(path[step - 1]).heading;
     let truth: Vec<Pose> = steps.iter().map(|(truth, _)| *truth).collect();
-    let turned = [&torn, &path].map(|path| (turn(path) - turn(&truth)).abs());
+    let turned = [&broken, &path].map(|path| (turn(path) - turn(&truth)).abs());
     let mut apart: Vec<f64> = (0..truth.len())
         .flat_map(|newer| (0..newer.saturating_sub(100)).map(move |older| (older, newer)))
         .filter(|&(older, newer)| truth[newer].seen_from(truth[older]).position().coords.norm() < 1.0)
@@ -124,8 +131,23 @@ fn a_torn_path_is_bent_where_the_robot_comes_back() {
 fn a_true_path_stays() {
     let config = SlamConfig::default();
     let steps = steps(&config);
-    let (path, found) = follow(&steps, 0.0, &config);
-    assert!(off(&path, &steps) < 1e-6, "{found:?}");
+    let (path, loops) = follow(&steps, |_| 0.0, &config);
+    assert!(off(&path, &steps) < 1e-6, "{:?}", loops.found(&path));
+    assert!(loops.finish(&path).is_none());
+}
+
+/// A gyroscope that drifts by 0.06 degrees a step: loops mend it in parts, and in the end as a whole.
+#[test]
+fn a_path_that_drifts_is_bent_as_a_whole() {
+    let config = SlamConfig::default();
+    let steps = steps(&config);
+    let (path, loops) = follow(&steps, |_| 1e-3, &config);
+    let Some(Closed { path: whole, map }) = loops.finish(&path) else { panic!("{:?}", loops.found(&path)) };
+    let never = SlamConfig { loops: LoopConfig { search_distance: 0.0, ..config.loops }, ..config };
+    let (drifted, _) = follow(&steps, |_| 1e-3, &never);
+    let [drifted, in_parts, whole] = [drifted, path, whole].map(|path| off(&path, &steps));
+    println!("seed {SEED}: {drifted} m off, {in_parts} m with loops, {whole} m as a whole, {} walls", map.len());
+    assert!(whole < in_parts && in_parts < drifted, "seed {SEED}: {drifted} m, {in_parts} m, {whole} m");
 }
 
 /// The map of the first fifth of the drive, in the frame of the truth. The second drive begins near its end, leaves it, is torn there
@@ -151,10 +173,11 @@ fn a_drive_that_continues_comes_back_to_the_map_of_the_earlier_one() {
         steps.map(distance).fold(0.0, f64::max)
     };
     let never = SlamConfig { loops: LoopConfig { search_distance: 0.0, ..config.loops }, ..config };
-    let (torn, none, _) = follow_in(&earlier, second, second[0].0, 0.3, &never);
-    assert!(none.is_empty() && off(&torn, 0..second.len()) > 3.0, "the path is not torn");
-    let (path, found, map) = follow_in(&earlier, second, second[0].0, 0.3, &config);
-    println!("seed {SEED}: {} m off, then {} m; {found:?}", off(&torn, 0..second.len()), off(&path, 0..second.len()));
+    let (broken, none, _) = follow_in(&earlier, second, second[0].0, torn(second), &never);
+    assert!(none.found(&broken).is_empty() && off(&broken, 0..second.len()) > 3.0, "the path is not torn");
+    let (path, loops, map) = follow_in(&earlier, second, second[0].0, torn(second), &config);
+    let found = loops.found(&path);
+    println!("seed {SEED}: {} m off, then {} m; {found:?}", off(&broken, 0..second.len()), off(&path, 0..second.len()));
     assert!(off(&path, 0..second.len()) < 0.5, "seed {SEED}: {} m off; {found:?}", off(&path, 0..second.len()));
     assert!(off(&path, 0..10) < 0.05, "seed {SEED}: the known part has moved by {} m", off(&path, 0..10));
     let into_earlier = |found: &&Loop| found.is_closed && found.older.is_none() && found.older_stamp.is_none();
