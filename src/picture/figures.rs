@@ -3,17 +3,15 @@
 //! A run is over before its pictures are made: the final map and the trajectories are known, and the scans are fed
 //! one at a time from a second reading of the log, so no scan is kept.
 
+use super::files::{Files, drawn, path_length};
 use super::objects::Objects;
 use super::reproject::ClusterGrid;
-use super::{Line, PNG_SIDE, Picture, PictureError, PointRaster, Stroke, View, svg_to_png};
+use super::{Line, Picture, PictureError, PointRaster, Stroke, View};
 use crate::geometry::{Pose, StampedPose};
 use crate::ppca::Cluster;
 use crate::report::{Estimate, RunResult};
 use crate::scan::Scan;
 use rayon::prelude::*;
-
-/// Names of files and what is in them.
-pub type Files = Vec<(&'static str, Vec<u8>)>;
 
 /// Gathers the points of a run and draws its pictures.
 pub struct Figures<'a> {
@@ -192,22 +190,6 @@ fn stretches(poses: &[Estimate]) -> [Vec<StampedPose>; 2] {
         between.extend((last.0..poses.len()).map(|index| stamped(index, by_odometry(last, index))));
     }
     [trajectory, between]
-}
-
-/// The files of a picture.
-pub(super) fn drawn(
-    (png_name, svg_name, picture): (&'static str, Option<&'static str>, Picture<'_>),
-) -> Result<Files, PictureError> {
-    let svg = picture.to_svg();
-    let png = svg_to_png(&svg, PNG_SIDE)?;
-    let svg = svg_name.map(|name| (name, svg.into_bytes()));
-    Ok(svg.into_iter().chain([(png_name, png)]).collect())
-}
-
-/// Length of the way from pose to pose, in metres; pairs that are not finite are left out.
-pub(super) fn path_length(poses: &[StampedPose]) -> f64 {
-    let steps = poses.windows(2).map(|pair| (pair[1].pose.position() - pair[0].pose.position()).norm());
-    steps.filter(|step| step.is_finite()).sum()
 }
 
 /// A count with commas.

@@ -9,6 +9,7 @@
 //! What is not finite is left out.
 
 mod figures;
+mod files;
 mod objects;
 mod png;
 mod raster;
@@ -16,7 +17,8 @@ mod reproject;
 mod sheet;
 mod svg;
 
-pub use figures::{Figures, Files};
+pub use figures::Figures;
+pub use files::Files;
 pub use objects::{class_colour, object_map};
 pub use png::{PictureError, svg_to_png};
 pub use raster::PointRaster;

@@ -4,7 +4,7 @@
 //! detector named; a thin line leads from each to the landmark that it shows, the stronger the larger its weight. So a dot
 //! of another colour is a wrong label, and a dot without a line is clutter.
 
-use super::figures::{Files, drawn, path_length};
+use super::files::{Files, drawn, path_length};
 use super::svg::{LegendEntry, Page, hex, text};
 use super::{Line, Picture, PictureError, View, is_drawable};
 use crate::geometry::StampedPose;
