@@ -127,9 +127,11 @@ impl Summary<'_> {
         warnings
     }
 
+    /// None in the log, or one that never changes while scan matching has the robot drive.
     fn has_no_odometry(&self) -> bool {
-        let stats = &self.mapped.stats;
-        stats.laser > 0 && stats.laser_without_odometry == stats.laser
+        let Outcome { stats, counts, result, .. } = self.mapped;
+        let is_constant = || result.poses.windows(2).all(|pair| pair[0].odom_from_robot == pair[1].odom_from_robot);
+        stats.laser > 0 && (stats.laser_without_odometry == stats.laser || counts.steps > 1 && is_constant())
     }
 
     /// Why the result may not be relied on.

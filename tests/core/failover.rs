@@ -1,6 +1,7 @@
 //! A device that fails in the middle of a drive.
 
 use ipslam::config::SlamConfig;
+use ipslam::evaluator::by_size::{BySize, MANY};
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::evaluator::pose::LocalPose;
 use ipslam::evaluator::sighting::Sighting;
@@ -73,5 +74,18 @@ fn the_cpu_does_the_step_again() {
             assert!(failure.is_none_or(|failure| failure.contains("Dying") && failure.contains("it has died")));
             assert_eq!(trajectory, expected, "after {answers} answers");
         }
+    }
+}
+
+/// A device that fails at once is not asked as long as there are few particles.
+#[test]
+fn a_device_is_for_many_particles() {
+    for (particles, is_asked) in [(8, false), (MANY - 8, false), (MANY, true)] {
+        let config = SlamConfig { particles, maps: 8, ..SlamConfig::default() };
+        let dying = Dying { answers: 0, panics: false };
+        let mut slam = Slam::with_evaluator(config, Box::new(BySize::new(dying)));
+        let entries = Simulation::building(1).open().unwrap().take(30);
+        entries.for_each(|entry| slam.add(&entry.unwrap(), &mut |_| ()));
+        assert_eq!(slam.evaluator_failure().is_some(), is_asked, "{particles} particles");
     }
 }

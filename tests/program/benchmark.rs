@@ -45,6 +45,14 @@ fn a_log_is_made_harder_and_stays_itself() {
     assert_eq!(count(|entry| matches!(entry, LogEntry::Laser(_))), 8);
     assert_eq!(count(LogEntry::is_reading), 31);
 
+    // Odometry that never changes is none.
+    ipslam(folder, &["degrade", LOG, "blind.clf", "--no-odometry"], 0, &[]);
+    let words = ["run", "blind.clf", "--maps", "4", "--particles", "4", "--backend", "cpu", "--out", "blind"];
+    ipslam(folder, &words, 0, &[]);
+    let summary = json(&folder.join("blind/summary.json"));
+    assert_eq!(summary["verdict"], "doubtful");
+    assert!(summary["doubts"].to_string().contains("no odometry"), "{summary:#}");
+
     let bytes = std::fs::read(folder.join("hard.clf")).unwrap();
     for (out, words, code, expected) in [
         (LOG, &["--force"][..], 2, &["this is the log that is read"][..]),
