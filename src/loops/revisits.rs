@@ -12,6 +12,7 @@ use crate::likelihood::ClusterParams;
 use crate::ppca::Cluster;
 use nalgebra::{Matrix3, Point2, Vector3};
 use rayon::prelude::*;
+use std::collections::HashMap;
 use std::ops::Range;
 
 /// A step is tied to at most this many earlier visits, the nearest ones.
@@ -35,6 +36,7 @@ const MOTIONS: f64 = 10.0;
 /// Ties of these steps to earlier visits, and to the map of an earlier drive. Those known that the path holds, sorted by their newer
 /// step, are taken over.
 pub(super) fn revisits(drive: &Drive, path: &[Pose], steps: Range<usize>, known: &[Tie], config: &Closer) -> Vec<Tie> {
+    let places = Places::of(path);
     let of_step = |step: usize| -> Vec<Tie> {
         let known = &known[known.partition_point(|tie| tie.newer < step)..];
         let known = &known[..known.partition_point(|tie| tie.newer == step)];
@@ -49,7 +51,7 @@ pub(super) fn revisits(drive: &Drive, path: &[Pose], steps: Range<usize>, known:
             known.iter().find(is_same).copied().or_else(|| tie(drive, path, older, step, config))
         };
         let earlier = (!drive.earlier.clusters.is_empty()).then_some(None);
-        let visits = nearest(drive, path, step, config.loops.window).into_iter().map(Some);
+        let visits = places.nearest(drive, step, config.loops.window).into_iter().map(Some);
         visits.chain(earlier).filter_map(of_visit).collect()
     };
     steps.into_par_iter().flat_map_iter(of_step).collect()
@@ -58,6 +60,7 @@ pub(super) fn revisits(drive: &Drive, path: &[Pose], steps: Range<usize>, known:
 /// How well the visits to all places agree on a path: the pairs of visits that a tie holds together, less the share of its rays with
 /// which the later of each pair looks through walls that the earlier one saw.
 pub(super) fn agreement(drive: &Drive, path: &[Pose], ties: &[Tie], config: &Closer) -> f64 {
+    let places = Places::of(path);
     let looked_through = |step: usize| -> f64 {
         let tiles = &drive.keyframes[step].tiles;
         let by_visit = |older: usize| {
@@ -65,7 +68,7 @@ pub(super) fn agreement(drive: &Drive, path: &[Pose], ties: &[Tie], config: &Clo
             let walls = walls_around(drive, path, older, older_from_robot, f64::from(reach(tiles)), config);
             share_behind(&rays(older_from_robot, tiles), walls.iter())
         };
-        nearest(drive, path, step, config.loops.window).into_iter().map(by_visit).sum()
+        places.nearest(drive, step, config.loops.window).into_iter().map(by_visit).sum()
     };
     let held = ties.iter().filter(|tie| tie.holds(path)).count();
     // In the order of the steps: a sum of floats depends on it.
@@ -79,18 +82,40 @@ fn rays(frame_from_robot: Pose, tiles: &[Tile]) -> Vec<[Point2<f64>; 2]> {
     tiles.iter().flat_map(Tile::points).map(ray).collect()
 }
 
-/// The nearest step of each visit at least `apart` \[m\] of way before a step.
-fn nearest(drive: &Drive, path: &[Pose], step: usize, apart: f64) -> Vec<usize> {
-    let way = &drive.travelled;
-    let before = way[..step].partition_point(|&there| there < way[step] - apart);
-    let distance = |older: usize| (path[older].position() - path[step].position()).norm();
-    let near: Vec<usize> = (0..before).filter(|&older| distance(older) <= NEAR).collect();
-    let nearer = |a: &usize, b: &usize| distance(*a).total_cmp(&distance(*b));
-    let visits = near.chunk_by(|&one, &next| way[next] - way[one] <= AROUND);
-    let mut visits: Vec<usize> = visits.filter_map(|visit| visit.iter().copied().min_by(nearer)).collect();
-    visits.sort_by(nearer);
-    visits.truncate(VISITS);
-    visits
+/// The steps of a path by where they are, in cells as wide as visits are apart at most.
+struct Places<'a> {
+    path: &'a [Pose],
+    steps: HashMap<[i64; 2], Vec<usize>>,
+}
+
+impl<'a> Places<'a> {
+    fn of(path: &'a [Pose]) -> Self {
+        let mut steps = HashMap::<[i64; 2], Vec<usize>>::new();
+        path.iter().enumerate().for_each(|(step, pose)| steps.entry(cell(pose)).or_default().push(step));
+        Self { path, steps }
+    }
+
+    /// The nearest step of each visit at least `apart` \[m\] of way before a step.
+    fn nearest(&self, drive: &Drive, step: usize, apart: f64) -> Vec<usize> {
+        let (path, way) = (self.path, &drive.travelled);
+        let before = way[..step].partition_point(|&there| there < way[step] - apart);
+        let distance = |older: usize| (path[older].position() - path[step].position()).norm();
+        let [x, y] = cell(&path[step]);
+        let cells = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [x.saturating_add(dx), y.saturating_add(dy)]));
+        let around = cells.filter_map(|cell| self.steps.get(&cell)).flatten().copied();
+        let mut near: Vec<usize> = around.filter(|&older| older < before && distance(older) <= NEAR).collect();
+        near.sort_unstable();
+        let nearer = |a: &usize, b: &usize| distance(*a).total_cmp(&distance(*b));
+        let visits = near.chunk_by(|&one, &next| way[next] - way[one] <= AROUND);
+        let mut visits: Vec<usize> = visits.filter_map(|visit| visit.iter().copied().min_by(nearer)).collect();
+        visits.sort_by(nearer);
+        visits.truncate(VISITS);
+        visits
+    }
+}
+
+fn cell(pose: &Pose) -> [i64; 2] {
+    [pose.x, pose.y].map(|coordinate| (coordinate / NEAR).floor() as i64)
 }
 
 /// Matches the scan of a step to what was seen around an older one, or to the map of an earlier drive.
@@ -156,7 +181,6 @@ mod tests {
     use crate::motion::Motion;
     use crate::scan::Scan;
     use crate::simulate::Simulation;
-    use std::collections::HashMap;
 
     const SEED: u64 = 1;
 
