@@ -30,7 +30,7 @@ impl<E: Evaluator> BySize<E> {
 
 impl<E: Evaluator> Evaluator for BySize<E> {
     fn propagate(&mut self, scene: &Scene<'_>, how: &Propagation<'_>) -> Result<Vec<Proposal>, DeviceError> {
-        self.of(how.starts.len() * how.particles_per_map).propagate(scene, how)
+        self.of(how.particles()).propagate(scene, how)
     }
 
     fn weigh(&mut self, scene: &Scene<'_>, poses: &[LocalPose]) -> Result<Vec<f32>, DeviceError> {

@@ -228,6 +228,11 @@ pub const CONVERGED: [f32; 3] = [5e-4, 5e-4, 2e-4];
 pub const SLACK: [f32; 2] = [0.1, 0.03];
 
 impl Propagation<'_> {
+    /// Number of particles, of all maps together.
+    pub fn particles(&self) -> usize {
+        self.starts.len() * self.particles_per_map
+    }
+
     /// How far \[m\] a particle can come to be from its map's `mean`: the longest noise there is, and all steps of a
     /// climb.
     pub fn longest_way(&self) -> f32 {

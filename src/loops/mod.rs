@@ -235,16 +235,10 @@ impl Loops {
             return None;
         }
         let chain = Chain::as_tracked(&self.drive.keyframes);
-        let all = |path: &[Pose], known: &[Tie]| revisits(&self.drive, path, 0..path.len(), known, &self.config);
-        let agreement = |path: &[Pose], ties: &[Tie]| agreement(&self.drive, path, ties, &self.config);
-        let mut ties = all(path, &self.ties);
-        let before = agreement(path, &ties);
-        let mut bent = path.to_vec();
-        for _ in 0..PASSES {
-            Bent { path: bent, .. } = chain.bent(&bent, &ties, None)?;
-            ties = all(&bent, &ties);
-        }
-        (agreement(&bent, &ties) > before)
+        let ties = self.visits(path, &self.ties);
+        let before = self.agreement(path, &ties);
+        let (bent, ties) = self.settle(&chain, path.to_vec(), ties)?;
+        (self.agreement(&bent, &self.visits(&bent, &ties)) > before)
             .then(|| rebuild(&self.drive.earlier.clusters, &self.drive.keyframes, &bent, &self.config))
     }
 
@@ -274,22 +268,38 @@ impl Loops {
         for doubt in [Doubt::None, Doubt::OfMatches] {
             let chain = Chain::new(&self.drive.keyframes, path, doubt);
             let before = chain.bent(path, &known, None)?;
-            let Bent { mut path, cost } = chain.bent(path, &known, Some(new))?;
+            let Bent { path, cost } = chain.bent(path, &known, Some(new))?;
             let cost = cost - before.cost;
             if doubt == Doubt::None && cost > DRIFT {
                 continue;
             }
-            let mut ties = known.clone();
-            for _ in 0..PASSES {
-                ties = revisits(&self.drive, &path, 0..path.len(), &ties, &self.config);
-                // The ties of all visits tell where the robot was better than a window does.
-                Bent { path, .. } = chain.bent(&path, &ties, None)?;
-            }
-            let agreement = |path: &[Pose], ties: &[Tie]| agreement(&self.drive, path, ties, &self.config);
-            let agrees_better = agreement(&path, &ties) > agreement(&before.path, &known);
+            let ties = self.visits(&path, &known);
+            // The ties of all visits tell where the robot was better than a window does.
+            let (path, ties) = self.settle(&chain, path, ties)?;
+            let agrees_better = self.agreement(&path, &ties) > self.agreement(&before.path, &known);
             return agrees_better.then_some(Hypothesis { path, ties, cost });
         }
         None
+    }
+
+    /// The path, bent again and again so that it keeps the motions and the ties of all visits, and the ties before it was bent last.
+    fn settle(&self, chain: &Chain, mut path: Vec<Pose>, mut ties: Vec<Tie>) -> Option<(Vec<Pose>, Vec<Tie>)> {
+        for pass in 0..PASSES {
+            if pass > 0 {
+                ties = self.visits(&path, &ties);
+            }
+            Bent { path, .. } = chain.bent(&path, &ties, None)?;
+        }
+        Some((path, ties))
+    }
+
+    /// The ties of all steps.
+    fn visits(&self, path: &[Pose], known: &[Tie]) -> Vec<Tie> {
+        revisits(&self.drive, path, 0..path.len(), known, &self.config)
+    }
+
+    fn agreement(&self, path: &[Pose], ties: &[Tie]) -> f64 {
+        agreement(&self.drive, path, ties, &self.config)
     }
 }
 

@@ -26,11 +26,10 @@ pub(super) fn associate(seen: &[Seen], horizon: &Horizon, landmarks: &[LandmarkR
     sums[0] = 0.0;
     let mut constant: f32 = seen.iter().map(|seen| seen.log_null).sum();
     for landmark in landmarks {
-        let is_in_view = is_in_view(horizon, landmark, pose, turn);
-        constant += if is_in_view { landmark.log_missed } else { 0.0 };
+        let missed = if is_in_view(horizon, landmark, pose, turn) { landmark.log_missed } else { 0.0 };
+        constant += missed;
         let mut pairs = [NEVER; MOST_SEEN];
         for (detection, (seen, pair)) in seen.iter().zip(&mut pairs).enumerate() {
-            let missed = if is_in_view { landmark.log_missed } else { 0.0 };
             *pair = log_density(seen, landmark, pose, turn) + landmark.log_label[detection] + landmark.log_detected
                 - missed
                 - seen.log_null;

@@ -219,9 +219,8 @@ impl Evaluator for GpuEvaluator {
             dispatches.extend(climb(false, how.iterations));
             dispatches.push(Dispatch::once(Kernel::Draw, false));
         }
-        let groups =
-            in_order(how.starts.len(), how.particles_per_map, group_size(how.starts.len() * how.particles_per_map));
-        let mut proposals = Vec::with_capacity(how.starts.len() * how.particles_per_map);
+        let groups = in_order(how.starts.len(), how.particles_per_map, group_size(how.particles()));
+        let mut proposals = Vec::with_capacity(how.particles());
         for groups in groups.chunks(self.groups_at_once(scene)) {
             let (poses, modes) = self.submit(scene, &job, Particles::Drawn(how), groups, &dispatches)?;
             if how.iterations == 0 {
