@@ -65,6 +65,7 @@
 //! | [`metrics`] | errors of a trajectory against the truth | |
 //! | [`picture`] | a run seen from above, as SVG and PNG | fig. 3, 4 |
 //! | [`record`] | recordings for the Rerun viewer | |
+//! | `live` | a node of ROS 2, with the feature `live` | |
 //! | [`cli`] | the command line | |
 //!
 //! # Use
@@ -107,6 +108,8 @@ pub mod grid;
 pub mod inertial;
 pub mod io;
 pub mod likelihood;
+#[cfg(feature = "live")]
+pub mod live;
 pub mod localization;
 pub mod log;
 pub mod loops;

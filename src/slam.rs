@@ -30,7 +30,7 @@ use crate::motion::Motion;
 use crate::objects::{Detections, Landmark, ObjectMap, Objects, Observation};
 use crate::ppca::Cluster;
 use crate::random::{Draw, bits, uniform};
-use crate::report::{Estimate, Estimator, Event, ReportedParticle, RunResult, StageTimes, StepReport, timed};
+use crate::report::{Estimate, Estimator, Event, Loop, ReportedParticle, RunResult, StageTimes, StepReport, timed};
 use crate::scan::Scan;
 use crate::tracking::Tracker;
 use nalgebra::{Matrix3, Vector3};
@@ -170,6 +170,17 @@ impl Slam {
     /// last one counts, and its eight nearest detections.
     pub fn detecting(self, detections: Detections) -> Self {
         Self { objects: Some(Objects::new(detections)), ..self }
+    }
+
+    /// `world_from_robot` at every step so far, on the path of the best particle.
+    pub fn path(&self) -> Vec<Pose> {
+        // Node 0 of a path is the start.
+        self.ancestry.path(self.hypotheses[self.best].path).split_off(1)
+    }
+
+    /// The loops that were searched for and found so far.
+    pub fn loops(&self) -> Vec<Loop> {
+        self.loops.found(&self.path())
     }
 
     /// Tracks the robot; takes a step at the first scan and whenever the robot has moved far enough.

@@ -1,10 +1,12 @@
 //! Options that set the configuration of a run.
 
+#[cfg(feature = "live")]
+use super::UsageError;
 use anyhow::{Context as _, anyhow};
 use clap::ValueEnum;
 #[cfg(feature = "record")]
 use ipslam::config::SemanticConfig;
-use ipslam::config::SlamConfig;
+use ipslam::config::{LocalizationConfig, SlamConfig};
 use ipslam::io::{TextError, read_text};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -64,6 +66,36 @@ impl ConfigArgs {
         config.validate()?;
         Ok(config)
     }
+}
+
+#[cfg(feature = "live")]
+impl ConfigArgs {
+    /// The same for finding a robot in a map, which has neither presets nor maps.
+    pub fn of_localization(&self) -> anyhow::Result<LocalizationConfig> {
+        let Self { preset, config, particles, maps, seed } = self;
+        anyhow::ensure!(
+            preset.is_none() && maps.is_none(),
+            UsageError("--preset and --maps are for mapping; with a map, there is one".to_owned())
+        );
+        localization(config.as_deref(), *seed, *particles)
+    }
+}
+
+/// The configuration of a file, or of none, with this seed and at most so many particles where they are named.
+pub fn localization(
+    file: Option<&Path>,
+    seed: Option<u64>,
+    max_particles: Option<usize>,
+) -> anyhow::Result<LocalizationConfig> {
+    let mut config = LocalizationConfig::default();
+    if let Some(path) = file {
+        config = config.with_toml(&read(path)?).with_context(|| path.display().to_string())?;
+    }
+    config.seed = seed.unwrap_or(config.seed);
+    config.max_particles = max_particles.unwrap_or(config.max_particles);
+    config.min_particles = max_particles.map_or(config.min_particles, |most| most.min(config.min_particles));
+    config.validate()?;
+    Ok(config)
 }
 
 #[cfg(feature = "record")]

@@ -9,8 +9,9 @@ use ipslam::geometry::Pose;
 use ipslam::grid::{OccupancyGrid, drawn};
 use ipslam::localization::{Beginning, InitialPose, find_beginning};
 use ipslam::log::{LogEntry, LogError, LogReader, LogSource, LogStats};
+use ipslam::map::LineMap;
 use ipslam::pipeline::Continued;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Which map a run goes on with.
 #[derive(Clone, Debug, clap::Args)]
@@ -46,12 +47,7 @@ impl ContinueArgs {
         let Some(named) = &self.earlier else { return Ok(None) };
         let path = if named.is_dir() { named.join("map.json") } else { named.clone() };
         let map = known_map(&path)?;
-        let yaml = path.with_extension("yaml");
-        let grid = if path.extension().is_some_and(|ending| ending == "json") && yaml.is_file() {
-            read_grid(&yaml)?
-        } else {
-            drawn(&map.clusters, map.free.as_ref(), cell_size)?
-        };
+        let grid = grid_of(&path, &map, cell_size)?;
         say!("finding {} in {}", source.name(), path.display());
         let [position_sigma, heading_sigma] = START;
         let initial =
@@ -63,6 +59,15 @@ impl ContinueArgs {
         let name = path.display().to_string();
         Ok(Some(Earlier { continued: Continued { name, map, first_scan, world_from_robot }, grid }))
     }
+}
+
+/// The grid beside a map of this path, or else one that is drawn of it.
+pub fn grid_of(path: &Path, map: &LineMap, cell_size: f64) -> anyhow::Result<OccupancyGrid> {
+    let yaml = path.with_extension("yaml");
+    if path.extension().is_some_and(|ending| ending == "json") && yaml.is_file() {
+        return read_grid(&yaml);
+    }
+    Ok(drawn(&map.clusters, map.free.as_ref(), cell_size)?)
 }
 
 /// A log whose scans before one of its readings are no more than odometry.

@@ -10,24 +10,26 @@ use super::output::{OutArgs, Outputs};
 use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::say::{print_line, say};
-use super::summary::{odometry_errors, refused_odometry};
+use super::summary::{dropped_scans, odometry_errors, refused_odometry};
 use super::threads::ThreadArgs;
 use anyhow::{Context as _, anyhow, ensure};
 use ipslam::config::{Config, LocalizationConfig};
+use ipslam::evaluator::Evaluator;
 use ipslam::geometry::{Pose, StampedPose};
 use ipslam::grid::FreeArea;
 use ipslam::io::tum;
 use ipslam::localization::{InitialPose, Localization};
 use ipslam::log::{self, LogEntry, LogError, LogSource};
+use ipslam::map::LineMap;
 use ipslam::metrics::PoseLookup;
 use ipslam::picture::Figures;
 use ipslam::pipeline::{End, Outcome, Run, RunInfo};
-use ipslam::report::{Estimate, RunResult};
+use ipslam::report::{Estimate, Estimator, Observer, RunResult};
 use ipslam::scan::Scan;
 use serde::Serialize;
 use serde_json::json;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Finds the robot in a finished map.
 #[derive(Debug, clap::Args)]
@@ -70,25 +72,9 @@ pub struct LocalizeArgs {
     recording: RecordingArgs,
 }
 
-impl LocalizeArgs {
-    /// Options win over the file, the file over the defaults.
-    fn config(&self) -> anyhow::Result<LocalizationConfig> {
-        let mut config = LocalizationConfig::default();
-        if let Some(path) = &self.config {
-            let text = configuration::read(path)?;
-            config = config.with_toml(&text).with_context(|| path.display().to_string())?;
-        }
-        config.seed = self.seed.unwrap_or(config.seed);
-        config.max_particles = self.max_particles.unwrap_or(config.max_particles);
-        config.min_particles = self.max_particles.map_or(config.min_particles, |most| most.min(config.min_particles));
-        config.validate()?;
-        Ok(config)
-    }
-}
-
 /// Finds the robot. Errors that it could go on after are returned as a list.
 pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
-    let config = args.config()?;
+    let config = configuration::localization(args.config.as_deref(), args.seed, args.max_particles)?;
     args.threads.start()?;
     let map = known_map(&args.map)?;
     let reference = args.reference.as_deref().map(tum::read).transpose()?;
@@ -99,39 +85,91 @@ pub fn localize(args: &LocalizeArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let Chosen { evaluator, name: device } = args.backend.choose()?;
     let info = RunInfo { log: source.name(), device, config: Config::Localization(config), continues: None };
     let mut observers = args.recording.observers(&info, args.log.log.as_deref())?;
-
     let [position_sigma, heading_sigma] = args.start_spread;
     let initial = args.start.map(|world_from_robot| InitialPose { world_from_robot, position_sigma, heading_sigma });
-    let area = map.free.as_ref().map_or(0.0, FreeArea::area);
-    let from = args.start.map_or_else(|| format!("anywhere in {area:.0} m²"), |pose| format!("{pose:?}"));
-    say!("finding {} in {}, from {from}, on the {}", info.log, args.map.display(), info.device);
-    let mut filter = Localization::new(map, initial, config, evaluator)
-        .with_context(|| format!("{}: no robot can be found in it", args.map.display()))?;
-    let run = Run { skip: args.skip, ..Run::of(&*source) };
-    let outcome = run_with_bar(&run, &mut filter, &mut observers, |counts, _| {
-        let place = if counts.is_located { "located" } else { "looking" };
-        format!("{} particles, {place}", counts.particles.last().unwrap_or(&0))
-    })?;
-    for failure in observers.iter().filter_map(|observer| observer.failure()) {
-        outputs.note(Err(anyhow!("the recording is not whole: {failure}")));
-    }
+    let job = LocalizationJob {
+        map: &args.map,
+        source: &*source,
+        info: &info,
+        config: &config,
+        skip: args.skip,
+        reference: reference.as_deref(),
+        json: args.json,
+        dropped: &|| 0,
+    };
+    let mut filter = job.filter(map, initial, evaluator)?;
+    job.run_by(&mut filter, &mut observers, &mut outputs)?;
     drop(observers);
-    ensure!(outcome.counts.steps > 0, "{}: no laser reading to find the robot by", info.log);
-    if let End::BrokeOff(error) = &outcome.end {
-        outputs.note(Err(anyhow!("{error}")));
+    Ok(std::mem::take(&mut outputs.errors))
+}
+
+/// A robot about to be found.
+pub struct LocalizationJob<'a> {
+    /// Where the map is.
+    pub map: &'a Path,
+    pub source: &'a dyn LogSource,
+    pub info: &'a RunInfo,
+    /// That of the information.
+    pub config: &'a LocalizationConfig,
+    /// Readings less than this after the first one are left out [s].
+    pub skip: f64,
+    /// True poses in the map's frame.
+    pub reference: Option<&'a [StampedPose]>,
+    /// Whether the summary is printed as JSON.
+    pub json: bool,
+    /// Number of scans that a live drive dropped so far.
+    pub dropped: &'a dyn Fn() -> u64,
+}
+
+impl LocalizationJob<'_> {
+    /// The filter before the first reading.
+    pub fn filter(
+        &self,
+        map: LineMap,
+        initial: Option<InitialPose>,
+        evaluator: Option<Box<dyn Evaluator>>,
+    ) -> anyhow::Result<Localization> {
+        let (shown, area) = (self.map.display(), map.free.as_ref().map_or(0.0, FreeArea::area));
+        let anywhere = || format!("anywhere in {area:.0} m²");
+        let from = initial.map_or_else(anywhere, |initial| format!("{:?}", initial.world_from_robot));
+        say!("finding {} in {shown}, from {from}, on the {}", self.info.log, self.info.device);
+        Localization::new(map, initial, *self.config, evaluator)
+            .with_context(|| format!("{shown}: no robot can be found in it"))
     }
 
-    outputs.write_poses(&outcome.result);
-    outputs.write("config.toml", toml::to_string(&config)?.as_bytes());
-    let readings = readings(&outcome.result);
-    let errors = reference.as_deref().map(|reference| errors(&readings, reference));
-    let summary = Summary { args, info: &info, seed: config.seed, outcome: &outcome, readings: &readings, errors };
-    outputs.write("summary.json", format!("{:#}\n", summary.json()).as_bytes());
-    draw(&mut outputs, &*source, &outcome, &config, reference.as_deref().unwrap_or_default());
-    let text = if args.json { format!("{:#}\n", summary.json()) } else { summary.table() };
-    print_line!("{}", text.trim_end());
-    outputs.finish();
-    Ok(std::mem::take(&mut outputs.errors))
+    /// Finds the robot by this estimator, the filter or one around it; writes the outputs and prints the summary.
+    pub fn run_by(
+        &self,
+        estimator: &mut dyn Estimator,
+        observers: &mut [Box<dyn Observer + '_>],
+        outputs: &mut Outputs,
+    ) -> anyhow::Result<()> {
+        let Self { source, info, config, reference, .. } = *self;
+        let run = Run { skip: self.skip, ..Run::of(source) };
+        let outcome = run_with_bar(&run, estimator, observers, |counts, _| {
+            let place = if counts.is_located { "located" } else { "looking" };
+            format!("{} particles, {place}", counts.particles.last().unwrap_or(&0))
+        })?;
+        for failure in observers.iter().filter_map(|observer| observer.failure()) {
+            outputs.note(Err(anyhow!("the recording is not whole: {failure}")));
+        }
+        ensure!(outcome.counts.steps > 0, "{}: no laser reading to find the robot by", info.log);
+        if let End::BrokeOff(error) = &outcome.end {
+            outputs.note(Err(anyhow!("{error}")));
+        }
+
+        outputs.write_poses(&outcome.result);
+        outputs.write("config.toml", toml::to_string(config)?.as_bytes());
+        let readings = readings(&outcome.result);
+        let errors = reference.map(|reference| errors(&readings, reference));
+        let summary = Summary { job: self, outcome: &outcome, readings: &readings, errors };
+        outputs.write("summary.json", format!("{:#}\n", summary.json()).as_bytes());
+        draw(outputs, source, &outcome, config, reference.unwrap_or_default());
+        let text = if self.json { format!("{:#}\n", summary.json()) } else { summary.table() };
+        print_line!("{}", text.trim_end());
+        outputs.finish();
+        Ok(())
+    }
 }
 
 /// A reading, and how far the robot had come by then.
@@ -234,9 +272,7 @@ fn draw(
 }
 
 struct Summary<'a> {
-    args: &'a LocalizeArgs,
-    info: &'a RunInfo,
-    seed: u64,
+    job: &'a LocalizationJob<'a>,
     outcome: &'a Outcome,
     readings: &'a [Reading<'a>],
     errors: Option<Errors>,
@@ -275,11 +311,12 @@ impl Summary<'_> {
         json!({
             "program": "ipslam",
             "version": env!("CARGO_PKG_VERSION"),
-            "map": self.args.map.display().to_string(),
-            "log": self.info.log,
-            "device": self.info.device,
-            "seed": self.seed,
+            "map": self.job.map.display().to_string(),
+            "log": self.job.info.log,
+            "device": self.job.info.device,
+            "seed": self.job.config.seed,
             "scans": self.outcome.counts.scans,
+            "scans_dropped": (self.job.dropped)(),
             "steps": self.outcome.counts.steps,
             "particles": self.particles(),
             "first_fix": self.first_fix(),
@@ -304,7 +341,7 @@ impl Summary<'_> {
         let (scans, steps) = (self.outcome.counts.scans, self.outcome.counts.steps);
         let ParticleCounts { first, most, median } = self.particles();
         let mut rows = vec![
-            ("log", format!("{}: {scans} scans in {:.1} s, {steps} steps", self.info.log, self.log_seconds())),
+            ("log", format!("{}: {scans} scans in {:.1} s, {steps} steps", self.job.info.log, self.log_seconds())),
             ("located", format!("{}, in {:.1} % of the readings", fix(self.first_fix()), 100.0 * self.located_share())),
             ("", format!("particles: {first} at first, {most} at most, {median} at the median")),
         ];
@@ -320,7 +357,8 @@ impl Summary<'_> {
             "time",
             format!("{:.1} s: {speed:.1} times real time; first step {first:.0} ms", self.outcome.filter_seconds),
         ));
-        rows.push(("", format!("particles on the {}", self.info.device)));
+        rows.push(("", format!("particles on the {}", self.job.info.device)));
+        rows.extend(dropped_scans((self.job.dropped)()).map(|warning| ("warning", warning)));
         rows.extend(refused_odometry(&self.outcome.result).map(|warning| ("warning", warning)));
         rows.extend(self.outcome.evaluator_failure.iter().map(|failure| ("warning", failure.clone())));
         rows.iter().fold(String::new(), |mut table, (label, text)| {

@@ -67,6 +67,6 @@ pub fn is_standard_input(path: &Path) -> bool {
 pub fn open_standard_input(topics: &Topics, field_of_view: Option<f64>) -> anyhow::Result<Box<dyn LogSource>> {
     let nobody_writes = || UsageError("-: standard input is a terminal; let a program write to it".to_owned());
     ensure!(!stdin().is_terminal(), nobody_writes());
-    let stream = Stream::new(stdin(), interrupt::happened).context("standard input cannot be kept")?;
+    let stream = Stream::new("stdin", stdin(), interrupt::happened).context("standard input cannot be kept")?;
     Ok(open_stream(stream, topics, field_of_view)?)
 }

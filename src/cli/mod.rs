@@ -22,6 +22,8 @@ mod eval;
 mod help;
 mod interrupt;
 mod known_map;
+#[cfg(feature = "live")]
+mod live;
 mod localize;
 mod log;
 mod output;
@@ -68,6 +70,9 @@ enum Command {
     Run(Box<run::RunArgs>),
     #[command(after_help = EXIT_CODES)]
     Localize(Box<localize::LocalizeArgs>),
+    #[cfg(feature = "live")]
+    #[command(after_help = EXIT_CODES)]
+    Live(Box<live::LiveArgs>),
     #[command(after_help = EXIT_CODES)]
     Semantic(semantic::SemanticArgs),
     #[command(after_help = EXIT_CODES)]
@@ -135,6 +140,8 @@ fn execute(command: Command) -> (u8, Vec<String>) {
     let errors = match command {
         Command::Run(args) => run::run(&args).unwrap_or_else(|error| vec![error]),
         Command::Localize(args) => localize::localize(&args).unwrap_or_else(|error| vec![error]),
+        #[cfg(feature = "live")]
+        Command::Live(args) => live::live(&args).unwrap_or_else(|error| vec![error]),
         Command::Semantic(args) => semantic::semantic(&args).unwrap_or_else(|error| vec![error]),
         Command::Replay(args) => replay::replay(&args).unwrap_or_else(|error| vec![error]),
         Command::View(args) => view::view(&args).err().into_iter().collect(),

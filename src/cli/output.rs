@@ -266,6 +266,19 @@ impl Drop for Outputs {
     }
 }
 
+/// Writes a result so far with its grid to a folder.
+#[cfg(feature = "live")]
+pub fn write_map(folder: &Path, result: RunResult, grid: &OccupancyGrid) -> anyhow::Result<()> {
+    let driven = result.relied_on().map(|(_, pose)| pose.position());
+    let map = LineMap { free: FreeArea::from_grid(grid, driven), ..result.map.clone() };
+    let mut bytes = Vec::new();
+    map_json::write_map(&map, &mut bytes)?;
+    write_whole(&folder.join("map.json"), |file| file.write_all(&bytes))?;
+    map_server::write(&folder.join("map.yaml"), grid)?;
+    tum::write(&folder.join("trajectory.tum"), &result.trajectory())?;
+    Ok(())
+}
+
 fn add_scans(
     figures: &mut Figures<'_>,
     builder: &mut GridBuilder,

@@ -151,6 +151,7 @@ mod with_recorder {
             align: false,
             smooth,
             printed: (!args.json).then_some(Printed::Table),
+            dropped: &|| 0,
         };
         let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
         drop(observers);

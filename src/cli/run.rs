@@ -20,7 +20,7 @@ use ipslam::grid::{OccupancyGrid, RESOLUTION};
 use ipslam::log::LogSource;
 use ipslam::objects::Detections;
 use ipslam::pipeline::{Continued, Counts, End, Outcome, Run, RunInfo};
-use ipslam::report::{Confidence, Observer};
+use ipslam::report::{Confidence, Estimator, Observer};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 use std::iter;
@@ -131,6 +131,7 @@ impl RunArgs {
             align: self.align,
             smooth: true,
             printed: Some(if self.json { Printed::Json } else { Printed::Table }),
+            dropped: &|| 0,
         };
         let mapped = job.run(evaluator, &mut observers, &mut outputs)?;
         if mapped.counts.scans > 0 {
@@ -179,6 +180,8 @@ pub struct Job<'a> {
     pub smooth: bool,
     /// How the summary is printed, if it is.
     pub printed: Option<Printed>,
+    /// Number of scans that a live drive dropped so far.
+    pub dropped: &'a dyn Fn() -> u64,
 }
 
 impl Job<'_> {
@@ -189,8 +192,12 @@ impl Job<'_> {
         observers: &mut [Box<dyn Observer + '_>],
         outputs: &mut Outputs,
     ) -> anyhow::Result<Outcome> {
-        let (RunInfo { log: name, device, .. }, config) = (self.info, self.config);
-        say!("mapping {name}: {} particles in {} maps on the {device}", config.particles, config.maps);
+        self.run_by(&mut self.slam(evaluator), observers, outputs)
+    }
+
+    /// The filter before the first reading.
+    pub fn slam(&self, evaluator: Option<Box<dyn Evaluator>>) -> Slam {
+        let config = self.config;
         let mut slam = match evaluator {
             Some(evaluator) => Slam::with_evaluator(*config, evaluator),
             None => Slam::new(*config),
@@ -201,9 +208,21 @@ impl Job<'_> {
         if let Some(detections) = self.detections {
             slam = slam.detecting(detections.clone());
         }
+        slam
+    }
+
+    /// The same by this estimator, which may be the filter and more.
+    pub fn run_by(
+        &self,
+        estimator: &mut dyn Estimator,
+        observers: &mut [Box<dyn Observer + '_>],
+        outputs: &mut Outputs,
+    ) -> anyhow::Result<Outcome> {
+        let (RunInfo { log: name, device, .. }, config) = (self.info, self.config);
+        say!("mapping {name}: {} particles in {} maps on the {device}", config.particles, config.maps);
         let smoothing = self.smooth.then(|| config.smoother());
         let run = Run { max_scans: self.max_scans, smoothing, ..Run::of(self.source) };
-        let mut mapped = run_with_bar(&run, &mut slam, observers, progress_message)?;
+        let mut mapped = run_with_bar(&run, estimator, observers, progress_message)?;
         for failure in observers.iter().filter_map(|observer| observer.failure()) {
             outputs.note(Err(anyhow!("the recording is not whole: {failure}")));
         }
@@ -237,7 +256,8 @@ impl Job<'_> {
         let map_bytes = outputs.look_again(self.source, &config.scan, mapped, &truth, self.cell_size, grid);
         let drawing_seconds = began.elapsed().as_secs_f64();
         let continues = self.info.continues.as_ref();
-        let summary = Summary { name, device, mapped, continues, config, map_bytes, drawing_seconds, report: &report };
+        let (dropped, report) = ((self.dropped)(), &report);
+        let summary = Summary { name, device, mapped, dropped, continues, config, map_bytes, drawing_seconds, report };
         let json = format!("{:#}", summary.json()?);
         outputs.write("summary.json", format!("{json}\n").as_bytes());
         // Whoever closed this pipe has read enough; the summary is in its file.

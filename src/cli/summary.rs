@@ -23,6 +23,8 @@ pub struct Summary<'a> {
     pub name: &'a str,
     pub device: &'a str,
     pub mapped: &'a Outcome,
+    /// Scans of a live drive that were dropped.
+    pub dropped: u64,
     pub continues: Option<&'a Continued>,
     pub config: &'a SlamConfig,
     pub map_bytes: usize,
@@ -68,6 +70,7 @@ impl Summary<'_> {
             End::Interrupted => warnings.push(format!("interrupted after {} scans", counts.scans)),
             End::BrokeOff(error) => warnings.push(format!("the log breaks off: {error}")),
         }
+        warnings.extend(dropped_scans(self.dropped));
         if let Some(failure) = &self.mapped.evaluator_failure {
             warnings.push(format!("{failure}; the CPU did the step again and went on"));
         }
@@ -187,6 +190,7 @@ impl Summary<'_> {
             })),
             "beams": {
                 "scans": counts.scans,
+                "scans_dropped": self.dropped,
                 "scans_without_points": counts.empty_scans,
                 "points": counts.points,
                 "no_return": counts.no_return,
@@ -322,6 +326,11 @@ pub fn odometry_errors(result: &RunResult) -> String {
     format!(
         "errs {position:.2} times as much as expected in positions, {heading:.2} times in headings, by its motions against the scans"
     )
+}
+
+/// What to say of scans that a live drive dropped.
+pub fn dropped_scans(count: u64) -> Option<String> {
+    (count > 0).then(|| format!("scans that were dropped, as the filter could not keep up with the robot: {count}"))
 }
 
 /// What to say of odometry that was not believed, if there is any.

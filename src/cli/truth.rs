@@ -10,7 +10,7 @@ use ipslam::metrics::trajectory::reference_errors;
 use std::path::{Path, PathBuf};
 
 /// Files with ground truth.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Default, clap::Args)]
 pub struct TruthArgs {
     /// Relations of the SLAM benchmark (t1 t2 x y z roll pitch yaw) to score the trajectory by
     #[arg(long, value_name = "FILE")]

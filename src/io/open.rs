@@ -2,7 +2,7 @@
 
 use super::carmen::{CarmenLog, CarmenReader};
 use super::mcap::{self, McapLog, Topics};
-use super::stream::{self, Stream};
+use super::stream::Stream;
 use crate::log::{LogError, LogReader, LogSource};
 use serde::Deserialize;
 use std::fs::File;
@@ -74,7 +74,7 @@ struct CarmenStream {
 
 impl LogSource for CarmenStream {
     fn name(&self) -> String {
-        stream::name()
+        self.stream.name()
     }
 
     fn open(&self) -> Result<Box<dyn LogReader>, LogError> {

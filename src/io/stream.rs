@@ -15,6 +15,8 @@ const PIECE: usize = 1 << 16;
 /// Bytes that come once and can be read again.
 #[derive(Clone, Debug)]
 pub struct Stream {
+    /// What to call it.
+    name: &'static str,
     kept: Arc<Kept>,
     is_over: fn() -> bool,
 }
@@ -49,11 +51,11 @@ impl Stream {
     ///
     /// # Errors
     /// No temporary file can be made, or no thread started.
-    pub fn new(bytes: impl Read + Send + 'static, is_over: fn() -> bool) -> io::Result<Self> {
+    pub fn new(name: &'static str, bytes: impl Read + Send + 'static, is_over: fn() -> bool) -> io::Result<Self> {
         let file = NamedTempFile::new()?;
         let mut copy = file.reopen()?;
         let kept = Arc::new(Kept { file, progress: Mutex::default(), grown: Condvar::new() });
-        let (stream, weak) = (Self { kept: Arc::clone(&kept), is_over }, Arc::downgrade(&kept));
+        let (stream, weak) = (Self { name, kept: Arc::clone(&kept), is_over }, Arc::downgrade(&kept));
         // The file opened above is not the one that readers read: each has a place of its own.
         let keep = move || {
             let (mut bytes, mut piece) = (bytes, vec![0; PIECE]);
@@ -74,6 +76,11 @@ impl Stream {
         };
         std::thread::Builder::new().name("stream".to_owned()).spawn(keep)?;
         Ok(stream)
+    }
+
+    /// What to call the log that comes through it.
+    pub(super) fn name(&self) -> String {
+        self.name.to_owned()
     }
 
     /// Reads from the first byte.
@@ -128,9 +135,4 @@ impl Read for StreamReader {
         self.position += read as u64;
         Ok(read)
     }
-}
-
-/// Of every log that comes through a stream.
-pub(super) fn name() -> String {
-    "stdin".to_owned()
 }

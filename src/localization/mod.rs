@@ -171,6 +171,17 @@ impl Localization {
         Ok(this)
     }
 
+    /// Forgets where the robot may be, and begins again around this pose.
+    pub fn begin_at(&mut self, initial: InitialPose) {
+        let first = self.first_particles(Some(initial));
+        self.replace_particles(first);
+        self.best_evidence = 0.0;
+        self.recovery = Recovery::new(self.config.located_explained);
+        self.from_anywhere = 0.0;
+        self.last = None;
+        self.tracker.begin_step();
+    }
+
     /// Tracks the robot; takes a step at the first scan with points and whenever the robot has moved far enough.
     fn add_scan(&mut self, scan: &Scan, odom_from_robot: Pose, observe: &mut dyn FnMut(&Event<'_>)) {
         self.scans += 1;
@@ -182,7 +193,7 @@ impl Localization {
         let mut times = std::mem::take(&mut self.times);
         timed(&mut times.track, || self.track(&tiles));
         self.times = times;
-        if self.steps == 0 || !self.config.tracking.is_too_near(self.tracker.tracked().mean) {
+        if self.last.is_none() || !self.config.tracking.is_too_near(self.tracker.tracked().mean) {
             self.step(scan, &tiles, odom_from_robot, observe);
         }
     }

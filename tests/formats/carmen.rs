@@ -319,7 +319,7 @@ fn a_truncated_gzip_gives_its_whole_lines_then_an_error() {
 fn a_stream_is_read_as_it_comes() {
     let line = |i: u32| format!("ODOM {i} 2 0 0 0 0 {i}.5 host 0\n");
     let (pipe, mut writer) = std::io::pipe().unwrap();
-    let stream = Stream::new(pipe, || false).unwrap();
+    let stream = Stream::new("pipe", pipe, || false).unwrap();
     writer.write_all(line(0).as_bytes()).unwrap();
     let log = open_stream(stream, &Topics::default(), None).unwrap();
     let mut reader = log.open().unwrap();

@@ -574,7 +574,7 @@ fn a_stream_is_read_as_it_comes() {
         for is_stopped in [false, true] {
             STOPPED.store(false, Ordering::Relaxed);
             let (pipe, mut writer) = std::io::pipe().unwrap();
-            let stream = Stream::new(pipe, || STOPPED.load(Ordering::Relaxed)).unwrap();
+            let stream = Stream::new("pipe", pipe, || STOPPED.load(Ordering::Relaxed)).unwrap();
             writer.write_all(&bytes[..begin]).unwrap();
             let log = open_stream(stream, &TOPICS, None).unwrap();
             assert!(log.is_live() && log.name() == "stdin");
@@ -603,7 +603,7 @@ fn a_stream_is_read_as_it_comes() {
         (b"", "the file is empty"),
         (b"nothing that anyone knows", "no CARMEN message"),
     ] {
-        let stream = Stream::new(bytes, || false).unwrap();
+        let stream = Stream::new("bytes", bytes, || false).unwrap();
         let log = open_stream(stream, &TOPICS, None);
         let error = log.map_or_else(Some, |log| drain(&mut *log.open().unwrap()).error).unwrap().to_string();
         assert!(error.contains("standard input") && error.contains(expected), "{error}");

@@ -240,6 +240,7 @@ impl Job<'_> {
             name: &log.name,
             device: "CPU",
             mapped: &mapped,
+            dropped: 0,
             continues: None,
             config,
             map_bytes: 0,

@@ -43,7 +43,7 @@
 //! # Ranges
 //! Ranges below `range_min` become NaN; `range_max` is the maximum range.
 
-use super::stream::{self, Stream};
+use super::stream::Stream;
 use crate::geometry::Pose;
 use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use decode::decode;
@@ -72,9 +72,11 @@ mod storage;
 mod survey;
 mod topics;
 mod transforms;
+mod write;
 
 pub(super) use records::MAGIC;
 pub(super) use storage::is_bag;
+pub use write::McapWriter;
 
 /// Scans that wait for odometry, and odometry that waits for scans, at most: the one comes without the other.
 const MAX_WAITING_SCANS: usize = 256;
@@ -93,6 +95,15 @@ pub struct Topics {
     pub scan: Vec<String>,
     /// Topic of the odometry: of odometry messages or of transforms.
     pub odometry: Option<String>,
+}
+
+/// Frames of ROS, without a leading slash.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FrameNames {
+    /// That of the odometry; `None` where there is none.
+    pub odom: Option<String>,
+    /// That of the robot: of which the odometry is, or from which the laser hangs.
+    pub robot: String,
 }
 
 /// The log in an MCAP file, or in several.
@@ -122,9 +133,18 @@ impl McapLog {
         Self::of(path, Origin::Files(files), topics)
     }
 
-    /// The log in MCAP that comes through a stream: its topics and transforms are those of its first seconds.
-    pub(super) fn of_stream(path: PathBuf, stream: Stream, topics: &Topics) -> Result<Self, LogError> {
+    /// The log in MCAP that comes through a stream: its topics and transforms are those of the first five seconds of scans, which
+    /// are waited for. `path` stands for it in errors.
+    ///
+    /// # Errors
+    /// As for [`Self::new`].
+    pub fn of_stream(path: PathBuf, stream: Stream, topics: &Topics) -> Result<Self, LogError> {
         Self::of(path, Origin::Stream(stream), topics)
+    }
+
+    /// The frames that the robot's own topics name.
+    pub fn frames(&self) -> &FrameNames {
+        &self.plan.frames
     }
 
     fn of(path: PathBuf, origin: Origin, topics: &Topics) -> Result<Self, LogError> {
@@ -137,9 +157,9 @@ impl McapLog {
 
 impl LogSource for McapLog {
     fn name(&self) -> String {
-        match self.origin {
+        match &self.origin {
             Origin::Files(_) => self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-            Origin::Stream(_) => stream::name(),
+            Origin::Stream(stream) => stream.name(),
         }
     }
 

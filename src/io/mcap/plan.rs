@@ -1,11 +1,11 @@
 //! Which topics of a bag make the log, and how its lasers are mounted.
 
-use super::Topics;
 use super::frames::{Frames, Mounting};
 use super::messages::{LASER_SCAN, ODOMETRY, TRANSFORMS};
 use super::survey::Survey;
 use super::topics::{SeenTopics, Topic};
 use super::transforms::Repeated;
+use super::{FrameNames, Topics};
 use std::collections::BTreeMap;
 
 /// Where the entries of a log are to be found in a bag.
@@ -14,6 +14,7 @@ pub(super) struct Plan {
     /// One of each laser.
     pub(super) scan_topics: Vec<String>,
     pub(super) odometry: OdometrySource,
+    pub(super) frames: FrameNames,
     /// Of each frame that scans come from; `None` if it is not in the bag.
     pub(super) mountings: BTreeMap<String, Option<Mounting>>,
     /// Stamps of scans and odometry are those of clocks that differ by so much \[ns\], or of none: the times at which messages
@@ -60,13 +61,21 @@ pub(super) fn plan(seen: &Survey, wanted: &Topics) -> Result<Plan, String> {
         OdometrySource::Transforms { robot, .. } => Some(robot.as_str()),
         OdometrySource::Nowhere => None,
     };
+    let odom = match &odometry {
+        OdometrySource::Messages { .. } => {
+            odometry_topic.map(|topic| topic.parent.clone()).filter(|odom| !odom.is_empty())
+        }
+        OdometrySource::Transforms { odom, .. } => Some(odom.clone()),
+        OdometrySource::Nowhere => None,
+    };
+    let frames = FrameNames { odom, robot: robot.unwrap_or(root).to_owned() };
     let mut mountings = BTreeMap::new();
     for laser in scans().flat_map(|topic| &topic.frames) {
-        mountings.insert(laser.clone(), fixed.mounting(robot.unwrap_or(root), laser)?);
+        mountings.insert(laser.clone(), fixed.mounting(&frames.robot, laser)?);
     }
     let clocks_differ =
         odometry_topic.and_then(|odometry| scans().find_map(|scans| scans.clock.differs_from(&odometry.clock)));
-    Ok(Plan { scan_topics, odometry, mountings, clocks_differ })
+    Ok(Plan { scan_topics, odometry, frames, mountings, clocks_differ })
 }
 
 fn scan_topics(topics: &SeenTopics, named: &[String]) -> Result<Vec<String>, String> {

@@ -68,6 +68,9 @@ impl Survey {
             ODOMETRY => {
                 if let Ok(odometry) = decode::<Odometry>(channel, data) {
                     topic.add(odometry.header.stamp(), received, odometry.child_frame());
+                    if topic.parent.is_empty() {
+                        topic.parent = odometry.header.frame().to_owned();
+                    }
                 }
             }
             TRANSFORMS => {

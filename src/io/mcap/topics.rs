@@ -23,6 +23,8 @@ pub(super) struct Topic {
     messages: u64,
     /// The frames whose readings these are: of lasers, or of the robot.
     pub(super) frames: BTreeSet<String>,
+    /// Of odometry, the frame in which the robot moves.
+    pub(super) parent: String,
     pub(super) clock: Clock,
 }
 
@@ -59,6 +61,7 @@ impl SeenTopics {
                 is_understood,
                 messages: 0,
                 frames: BTreeSet::new(),
+                parent: String::new(),
                 clock: Clock::default(),
             };
             self.0.insert(channel.topic.clone(), new);
