@@ -130,7 +130,7 @@ impl LiveArgs {
             printed: Some(if self.json { Printed::Json } else { Printed::Table }),
             dropped: &|| shared.now().dropped,
         };
-        let folder = outputs.path("");
+        let folder = outputs.path("saved");
         let save = Box::new(move |result, grid| match write_map(&folder, result, &grid) {
             Ok(()) => say!("the map so far is in {}", folder.display()),
             Err(error) => say!("the map so far cannot be saved: {error:#}"),

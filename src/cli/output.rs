@@ -269,6 +269,7 @@ impl Drop for Outputs {
 /// Writes a result so far with its grid to a folder.
 #[cfg(feature = "live")]
 pub fn write_map(folder: &Path, result: RunResult, grid: &OccupancyGrid) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder)?;
     let driven = result.relied_on().map(|(_, pose)| pose.position());
     let map = LineMap { free: FreeArea::from_grid(grid, driven), ..result.map.clone() };
     let mut bytes = Vec::new();

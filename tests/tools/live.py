@@ -1,0 +1,340 @@
+"""`ipslam live` beside another implementation of DDS: a simulated drive is published faster than it was driven.
+
+    python tests/tools/live.py target/debug/ipslam
+
+needs the package cyclonedds. All of it is in a network of its own, where nobody else is.
+"""
+
+import ctypes
+import fcntl
+import json
+import math
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+# Times as fast as it was driven.
+SPEED = 10.0
+# Of the drive [s].
+DURATION = 120
+# Stamps of the log begin at 0.
+FIRST_STAMP = 1_700_000_000
+SMALL = ["--backend", "cpu", "--particles", "64", "--maps", "4"]
+# Two runs over the same scans, whose stamps and odometry are rounded otherwise, differ by chance.
+NEAR = 0.15
+
+
+def alone():
+    """Moves this process to a network of its own, whose loopback has multicast."""
+    new_user, new_network = 0x10000000, 0x40000000
+    if ctypes.CDLL(None, use_errno=True).unshare(new_network | (new_user if os.getuid() else 0)) != 0:
+        print(f"NOT TESTED: ipslam live, as there is no network of its own: {os.strerror(ctypes.get_errno())}")
+        sys.exit(0)
+    up, running, multicast, set_flags = 0x1, 0x40, 0x1000, 0x8914
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as some:
+        fcntl.ioctl(some, set_flags, struct.pack("16sh14x", b"lo", up | running | multicast))
+
+
+alone()
+os.environ["CYCLONEDDS_URI"] = (
+    '<General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces></General>'
+)
+
+from cyclonedds.core import Policy, Qos  # noqa: E402
+from cyclonedds.domain import DomainParticipant  # noqa: E402
+from cyclonedds.pub import DataWriter  # noqa: E402
+from cyclonedds.sub import DataReader  # noqa: E402
+from cyclonedds.topic import Topic  # noqa: E402
+from cyclonedds.util import duration  # noqa: E402
+from ros_messages import (  # noqa: E402
+    DiagnosticArray,
+    Empty,
+    Header,
+    LaserScan,
+    MarkerArray,
+    OccupancyGrid,
+    Odometry,
+    Pose,
+    PoseWithCovariance,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    TFMessage,
+    Time,
+    TransformStamped,
+    Twist,
+    TwistWithCovariance,
+    Vector3,
+)
+
+BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(10))
+RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(1000))
+LATCHED = Qos(
+    Policy.Reliability.Reliable(duration(seconds=1)), Policy.Durability.TransientLocal, Policy.History.KeepLast(1)
+)
+ORIGIN = Vector3(0.0, 0.0, 0.0)
+
+
+def stamp(seconds):
+    return Time(FIRST_STAMP + math.floor(seconds), int((seconds % 1) * 1e9))
+
+
+def seconds(time):
+    return time.sec - FIRST_STAMP + time.nanosec / 1e9
+
+
+def pose(x, y, heading):
+    return Pose(Vector3(x, y, 0.0), Quaternion(0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2)))
+
+
+def plane(pose):
+    return pose.position.x, pose.position.y, 2 * math.atan2(pose.orientation.z, pose.orientation.w)
+
+
+def moved(a, b):
+    """The pose b, which is seen from a."""
+    return a[0] + math.cos(a[2]) * b[0] - math.sin(a[2]) * b[1], a[1] + math.sin(a[2]) * b[0] + math.cos(a[2]) * b[1], a[2] + b[2]
+
+
+def read_log(path):
+    """Stamps, and what is published then: a scan or the pose by odometry."""
+    entries = []
+    for line in path.read_text().splitlines():
+        kind, *fields = line.split()
+        if kind == "ODOM":
+            entries.append((float(fields[6]), kind, tuple(map(float, fields[:3]))))
+        elif kind == "ROBOTLASER1":
+            count = int(fields[7])
+            laser = (float(fields[1]), float(fields[3]), list(map(float, fields[8 : 8 + count])))
+            entries.append((float(fields[-3]), kind, laser))
+    return entries
+
+
+def read_trajectory(path):
+    rows = [list(map(float, line.split())) for line in path.read_text().splitlines() if not line.startswith("#")]
+    return {round(t, 3): (x, y, 2 * math.atan2(z, w)) for t, x, y, _, _, _, z, w in rows}
+
+
+class Robot:
+    """Publishes what a robot does, and keeps what it gets."""
+
+    def __init__(self):
+        self.participant = DomainParticipant(0)
+        self.odometry = self.writer("odom", Odometry, RELIABLE)
+        self.given = {}
+
+    def writer(self, topic, kind, qos):
+        return DataWriter(self.participant, Topic(self.participant, "rt/" + topic, kind), qos=qos)
+
+    def reader(self, topic, kind, qos):
+        return DataReader(self.participant, Topic(self.participant, "rt/" + topic, kind), qos=qos)
+
+    def listen(self):
+        topics = {
+            "tf": (TFMessage, RELIABLE),
+            "map": (OccupancyGrid, LATCHED),
+            "pose": (PoseWithCovarianceStamped, RELIABLE),
+            "walls": (MarkerArray, LATCHED),
+            "diagnostics": (DiagnosticArray, RELIABLE),
+        }
+        self.readers = {name: self.reader(name, *how) for name, how in topics.items()}
+        self.given = {name: [] for name in topics}
+
+    def take(self):
+        for name, reader in self.readers.items():
+            self.given[name] += reader.take(100)
+
+    def begin_to_scan(self):
+        self.scans, self.fixed = self.writer("scan", LaserScan, BEST_EFFORT), self.writer("tf_static", TFMessage, LATCHED)
+        mounting = TransformStamped(Header(stamp(0), "base_link"), "laser", pose(0.1, 0.0, 0.0))
+        self.fixed.write(TFMessage([mounting]))
+        writers = self.scans, self.fixed, self.odometry
+        wait_until("its topics are taken", lambda: all(writer.get_matched_subscriptions() for writer in writers))
+
+    def drive(self, entries, meanwhile=lambda seconds: None):
+        began, first = time.monotonic(), entries[0][0]
+        for when, kind, what in entries:
+            time.sleep(max(0.0, began + (when - first) / SPEED - time.monotonic()))
+            if kind == "ODOM":
+                twist = TwistWithCovariance(Twist(ORIGIN, ORIGIN), [0.0] * 36)
+                by_odometry = PoseWithCovariance(pose(*what), [0.0] * 36)
+                self.odometry.write(Odometry(Header(stamp(when), "odom"), "base_link", by_odometry, twist))
+            else:
+                angle, step, ranges = what
+                last = angle + step * (len(ranges) - 1)
+                header = Header(stamp(when), "laser")
+                self.scans.write(LaserScan(header, angle, last, step, 0.0, 0.2, 0.02, 80.0, ranges, []))
+            self.take()
+            meanwhile(when)
+
+
+def wait_until(what, is_so, patience=20.0):
+    until = time.monotonic() + patience
+    while not is_so():
+        assert time.monotonic() < until, f"not within {patience} s: {what}"
+        time.sleep(0.02)
+
+
+def ends_at_a_signal(live):
+    live.send_signal(signal.SIGINT)
+    assert live.wait(60) == 130, live.returncode
+
+
+def apart(poses, others):
+    """Largest distance of poses of the same stamps."""
+    both = poses.keys() & others.keys()
+    assert len(both) > 0.95 * len(poses), f"{len(both)} stamps of {len(poses)}"
+    return max(math.dist(poses[stamp][:2], others[stamp][:2]) for stamp in both)
+
+
+def cells_of(picture):
+    """Free and occupied cells of a PGM file."""
+    cells = picture.read_bytes()
+    return cells.count(254), cells.count(0)
+
+
+def check_given(robot, by_run, entries):
+    """What a drive gave others is what `run` found."""
+    poses = {round(seconds(given.header.stamp), 3): plane(given.pose.pose) for given in robot.given["pose"]}
+    scans = sum(kind != "ODOM" for _, kind, _ in entries)
+    assert len(poses) > 0.9 * scans, f"{len(poses)} poses of {scans} scans"
+    assert all(given.header.frame_id == "map" and given.pose.covariance[0] > 0 for given in robot.given["pose"])
+    assert apart(poses, by_run) < 2 * NEAR, apart(poses, by_run)
+
+    by_odometry = {round(when, 3): what for when, kind, what in entries if kind == "ODOM"}
+    transforms = [transform for given in robot.given["tf"] for transform in given.transforms]
+    assert {(given.header.frame_id, given.child_frame_id) for given in transforms} == {("map", "odom")}
+    # It is said to hold until the next message comes, and is of the last scans that the filter took in.
+    corrected = {}
+    for transform in transforms:
+        sent = round(seconds(transform.header.stamp) - 0.2, 3)
+        if sent in by_odometry:
+            corrected[sent] = moved(plane(transform.transform), by_odometry[sent])
+    assert len(corrected) > 0.8 * len(by_odometry), f"{len(corrected)} transforms"
+    off = sorted(math.dist(corrected[when][:2], by_run[when][:2]) for when in corrected.keys() & by_run.keys())
+    assert off[len(off) * 9 // 10] < 2 * NEAR, off[-20:]
+    # A correction that is left out would not do.
+    raw = [math.dist(moved(by_run[0.0], moved((-9.5, -6.6, 0.0), by_odometry[when]))[:2], by_run[when][:2]) for when in corrected]
+    print(f"corrected {off[len(off) * 9 // 10]:.3f} m off, odometry {max(raw):.2f} m")
+    return len(poses)
+
+
+def main():
+    program = Path(sys.argv[1]).absolute()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        began = time.monotonic()
+        simulate = ["simulate", "--out", ".", "--beams", "181", "--duration", str(DURATION)]
+        subprocess.run([program, *simulate], check=True, stdout=subprocess.DEVNULL)
+        log = Path("building-seed1.log")
+        entries = read_log(log)
+        map_live(program, log, entries)
+        print(f"mapped after {time.monotonic() - began:.1f} s")
+        localise_live(program, entries)
+        print(f"ipslam live: mapped and localised, in {time.monotonic() - began:.1f} s")
+
+
+def start(program, name, options):
+    said = open(f"{name}.txt", "w")
+    live = subprocess.Popen([program, "live", "--out", name, *options], stderr=said, stdout=subprocess.DEVNULL)
+    return live, lambda: Path(f"{name}.txt").read_text()
+
+
+def map_live(program, log, entries):
+    live, said = start(program, "live", SMALL)
+    try:
+        robot = Robot()
+        subprocess.run([program, "run", log, "--out", "run", *SMALL], check=True, capture_output=True)
+        hint = "no scan on /scan for 5 s; topics that are there: /odom (nav_msgs/msg/Odometry)"
+        wait_until("it says what it lacks", lambda: hint in said())
+        robot.listen()
+        robot.begin_to_scan()
+        robot.drive(entries[:-10])
+        # Who comes late gets the map too, and who asks for it gets it in files.
+        late = robot.reader("map", OccupancyGrid, LATCHED)
+        wait_until("a late reader gets the map", lambda: late.read(1))
+        asks = robot.writer("save_map", Empty, RELIABLE)
+        wait_until("requests to save are taken", asks.get_matched_subscriptions)
+        asks.write(Empty(0))
+        robot.drive(entries[-10:])
+        wait_until("the map is saved", lambda: "the map so far is in" in said())
+        assert json.loads(Path("live/saved/map.json").read_text())["clusters"] and not Path("live/summary.json").exists()
+        time.sleep(1.0)
+        robot.take()
+        ends_at_a_signal(live)
+    finally:
+        live.kill()
+        print(said())
+
+    by_run = read_trajectory(Path("run/trajectory.tum"))
+    by_live = {round(t - FIRST_STAMP, 3): pose for t, pose in read_trajectory(Path("live/trajectory.tum")).items()}
+    print(f"trajectories are {apart(by_live, by_run):.3f} m apart at most")
+    assert apart(by_live, by_run) < NEAR
+    # Others would not do.
+    assert apart({t: (x + 0.2, y, heading) for t, (x, y, heading) in by_live.items()}, by_run) > NEAR
+
+    [summary, of_run] = [json.loads(Path(f"{name}/summary.json").read_text()) for name in ("live", "run")]
+    scans = sum(kind != "ODOM" for _, kind, _ in entries)
+    assert summary["beams"]["scans"] >= 0.98 * scans and summary["beams"]["scans_dropped"] == 0, summary["beams"]
+    [walls, expected] = [found["map"]["clusters"] for found in (summary, of_run)]
+    print(f"{walls} walls, {expected} by run")
+    assert abs(walls - expected) <= 0.1 * expected, (walls, expected)
+    assert summary["verdict"] == of_run["verdict"] == "consistent"
+
+    check_given(robot, by_run, entries)
+    grid, (free, occupied) = robot.given["map"][-1], cells_of(Path("run/map.pgm"))
+    assert grid.header.frame_id == "map" and len(grid.data) == grid.info.width * grid.info.height
+    assert abs(grid.data.count(0) - free) < 0.1 * free, (grid.data.count(0), free)
+    assert abs(grid.data.count(100) - occupied) < 0.3 * occupied, (grid.data.count(100), occupied)
+    assert len(robot.given["map"]) > 2, "the map was not shown while it grew"
+    [marker] = robot.given["walls"][-1].markers
+    assert abs(len(marker.points) / 2 - expected) < 0.5 * expected, (len(marker.points), expected)
+    [status] = robot.given["diagnostics"][-1].status
+    assert status.level == 0 and status.message == "consistent", status
+
+
+def localise_live(program, entries):
+    live, said = start(program, "located", ["--map", "live/map.json", "--backend", "cpu"])
+    by_run = read_trajectory(Path("run/trajectory.tum"))
+    entries = [entry for entry in entries if 40 <= entry[0] < 80]
+    try:
+        robot = Robot()
+        robot.listen()
+        says = robot.writer("initialpose", PoseWithCovarianceStamped, RELIABLE)
+        told = []
+
+        def tell(when):
+            # As soon as it can be heard.
+            if not told and says.get_matched_subscriptions():
+                told.append(when)
+                covariance = [0.0] * 36
+                covariance[0] = covariance[7] = covariance[35] = 0.05
+                said_pose = PoseWithCovariance(pose(*by_run[round(when, 3)]), covariance)
+                says.write(PoseWithCovarianceStamped(Header(stamp(when), "map"), said_pose))
+
+        robot.begin_to_scan()
+        robot.drive(entries, tell)
+        time.sleep(1.0)
+        robot.take()
+        ends_at_a_signal(live)
+    finally:
+        live.kill()
+        print(said())
+    assert told, "no initial pose was asked for"
+    poses = {round(seconds(given.header.stamp), 3): plane(given.pose.pose) for given in robot.given["pose"]}
+    print(f"{len(poses)} poses, {apart(poses, by_run):.3f} m off at most")
+    assert len(poses) > 0.5 * sum(kind != "ODOM" for _, kind, _ in entries), len(poses)
+    assert apart(poses, by_run) < 2 * NEAR
+    assert robot.given["tf"] and len(robot.given["map"]) == 1
+    [status] = robot.given["diagnostics"][-1].status
+    assert status.level == 0, status
+    summary = json.loads(Path("located/summary.json").read_text())
+    assert summary["located_share"] > 0.5 and summary["scans_dropped"] == 0, summary
+
+
+main()
