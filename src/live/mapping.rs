@@ -33,6 +33,7 @@ pub struct LiveMapping {
     clock: Clock,
     effective_sample_size: f64,
     walls: usize,
+    has_odometry: bool,
 }
 
 /// The scan of a step.
@@ -69,6 +70,7 @@ impl LiveMapping {
         std::thread::Builder::new().name("map".to_owned()).spawn(draw)?;
         Ok(Self {
             slam,
+            has_odometry: frames.odom.is_some(),
             reporter: Reporter::new(node, frames),
             requests,
             is_asked: false,
@@ -109,8 +111,15 @@ impl Estimator for LiveMapping {
         });
         self.reporter.taken(entry);
         self.draw(entry.stamp());
-        let Self { slam, reporter, walls, effective_sample_size, .. } = self;
-        reporter.diagnose(entry.stamp(), || judge(slam, *walls, *effective_sample_size));
+        let Self { slam, reporter, walls, effective_sample_size, has_odometry, .. } = self;
+        reporter.diagnose(entry.stamp(), || {
+            let (open, mut numbers) = judge_loops(slam);
+            let blind = "no odometry: where scans have few features, the distance driven is unknown";
+            let doubts = open.into_iter().chain((!*has_odometry).then(|| blind.to_owned()));
+            numbers.push(("walls", walls.to_string()));
+            numbers.push(("effective sample size", format!("{effective_sample_size:.1}")));
+            (doubts.collect(), numbers)
+        });
     }
 
     fn result(&self) -> RunResult {
@@ -144,16 +153,10 @@ fn draw(drawings: &Receiver<Drawing>, publishers: &Publishers, map_frame: &str, 
     }
 }
 
-/// Why the map may not be relied on, and how the filter does.
-fn judge(slam: &Slam, walls: usize, effective_sample_size: f64) -> (Vec<String>, Vec<(&'static str, String)>) {
+/// What is doubtful of the loops, and their numbers.
+fn judge_loops(slam: &Slam) -> (Option<String>, Vec<(&'static str, String)>) {
     let loops = slam.loops();
     let open = loops.iter().filter(|found| !found.is_closed).count();
-    let doubts = (open > 0).then(|| format!("loops that were found and that the path does not close: {open}"));
-    let numbers = vec![
-        ("walls", walls.to_string()),
-        ("effective sample size", format!("{effective_sample_size:.1}")),
-        ("loops found", loops.len().to_string()),
-        ("loops open", open.to_string()),
-    ];
-    (doubts.into_iter().collect(), numbers)
+    let doubt = (open > 0).then(|| format!("loops that were found and that the path does not close: {open}"));
+    (doubt, vec![("loops found", loops.len().to_string()), ("loops open", open.to_string())])
 }

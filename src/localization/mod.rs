@@ -459,6 +459,20 @@ mod tests {
         confidence
     }
 
+    #[test]
+    fn a_robot_that_is_placed_is_looked_for_there_alone() {
+        let mut filter = filter(room(), ROBOT);
+        (filter.best_evidence, filter.from_anywhere) = (9.0, 0.5);
+        let there = Pose::new(4.5, 2.5, -2.0);
+        filter.begin_at(InitialPose { world_from_robot: there, position_sigma: 0.1, heading_sigma: 0.05 });
+        assert!(filter.last.is_none() && filter.best_evidence == 0.0 && filter.from_anywhere == 0.0);
+        let anchor = filter.walls.table.anchor();
+        let off = |pose: &LocalPose| pose.in_world(anchor).seen_from(there);
+        // Five standard deviations; the robot was ten times as far away.
+        assert!(filter.particles.iter().map(off).all(|off| off.x.hypot(off.y) < 0.5 && off.heading.abs() < 0.25));
+        assert!(filter.particles.len() > 100 && ROBOT.seen_from(there).x.abs() > 0.5);
+    }
+
     /// The scan, the cloud and the map are the same; only the pose of the last step differs.
     #[test]
     fn a_pose_that_jumped_is_not_relied_on() {

@@ -577,7 +577,7 @@ fn a_stream_is_read_as_it_comes() {
             let stream = Stream::new("pipe", pipe, || STOPPED.load(Ordering::Relaxed)).unwrap();
             writer.write_all(&bytes[..begin]).unwrap();
             let log = open_stream(stream, &TOPICS, None).unwrap();
-            assert!(log.is_live() && log.name() == "stdin");
+            assert!(log.is_live() && log.name() == "pipe");
             let mut reader = log.open().unwrap();
             let mut entries: Vec<LogEntry> = reader.by_ref().take(110).map(|entry| entry.unwrap()).collect();
             if is_stopped {

@@ -3,6 +3,7 @@
 use crate::needs::python;
 use assert_cmd::cargo::cargo_bin;
 use ipslam::grid::Cell;
+use ipslam::io::mcap::McapWriter;
 use ipslam::io::{map_json, map_server, tum};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -69,6 +70,43 @@ print(json.dumps({'checks': checks, 'stamps': trajectory.timestamps.tolist(), 'y
     }
     // The robot did move, so a reader of nothing would not pass.
     assert!(farthest > 0.5 && number(&read["length"]) >= farthest, "{farthest} m");
+}
+
+/// A bag is written as messages come, so that it has no end; what there is of it is read.
+fn mcap_reads_messages_as_they_come() {
+    const SCRIPT: &str = "
+import json, sys
+from mcap.exceptions import EndOfFile
+from mcap.stream_reader import StreamReader
+read = []
+try:
+    for record in StreamReader(open(sys.argv[1], 'rb')).records:
+        read.append({key: value.hex() if isinstance(value, bytes) else value for key, value in vars(record).items()})
+except EndOfFile:
+    pass
+print(json.dumps(read))
+";
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("live.mcap");
+    let mut bag = McapWriter::new(std::fs::File::create(&path).unwrap()).unwrap();
+    let topics = [("/scan", "sensor_msgs/msg/LaserScan"), ("/tf", "tf2_msgs/msg/TFMessage")];
+    let [scan, tf] = topics.map(|(topic, message_type)| bag.add_topic(topic, message_type).unwrap());
+    bag.write(tf, 7, &[0, 1, 0, 0, 0xab]).unwrap();
+    bag.write(scan, 1_700_000_000_000_000_009, &[]).unwrap();
+    let read = read_by(&python(), SCRIPT, &[&path]);
+    assert_eq!((read.as_array().unwrap().len(), &read[0]["profile"]), (1 + 2 * 2 + 2, &Value::from("ros2")));
+    for (index, (topic, message_type)) in topics.into_iter().enumerate() {
+        let [schema, channel] = [&read[1 + 2 * index], &read[2 + 2 * index]];
+        assert_eq!((&schema["name"], &schema["encoding"]), (&message_type.into(), &"ros2msg".into()));
+        assert_eq!((&channel["topic"], &channel["message_encoding"]), (&topic.into(), &"cdr".into()));
+        assert_eq!(channel["schema_id"], schema["id"]);
+    }
+    for (message, channel, time, data) in
+        [(&read[5], &read[4], 7_u64, "00010000ab"), (&read[6], &read[2], 1_700_000_000_000_000_009, "")]
+    {
+        assert_eq!((&message["channel_id"], &message["data"]), (&channel["id"], &data.into()));
+        assert_eq!((&message["log_time"], &message["publish_time"]), (&time.into(), &time.into()));
+    }
 }
 
 fn yaml_and_pgm_are_read_as_map_server_does() {
@@ -180,5 +218,5 @@ print(json.dumps({'frame': collection['frame'], 'ends': [list(line.coords) for l
 
 crate::needs::trials! {
     "readers":
-    Python { evo_reads_the_trajectory, yaml_and_pgm_are_read_as_map_server_does, the_map_is_what_its_schema_says, geojson_and_shapely_read_the_walls }
+    Python { evo_reads_the_trajectory, mcap_reads_messages_as_they_come, yaml_and_pgm_are_read_as_map_server_does, the_map_is_what_its_schema_says, geojson_and_shapely_read_the_walls }
 }
