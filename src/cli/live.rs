@@ -92,7 +92,7 @@ fn chosen_domain(option: Option<u16>) -> anyhow::Result<u16> {
 
 /// Without a scan for so long there is something to say.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// How often that is looked after.
+/// How often it is asked for.
 const TICK: Duration = Duration::from_millis(200);
 /// Topics that are listed.
 const SHOWN: usize = 20;
@@ -224,7 +224,7 @@ impl Watch {
         let (shared, network, ends) = (node.shared().clone(), node.network(), Arc::clone(&is_over));
         thread::Builder::new().name("watch".to_owned()).spawn(move || {
             let (began, mut is_said) = (Instant::now(), false);
-            while !ends.load(Ordering::Relaxed) {
+            while !ends.load(Ordering::Relaxed) && !interrupt::happened() {
                 let since = shared.now().last_scan.unwrap_or(began).elapsed();
                 if since < PATIENCE {
                     is_said = false;
