@@ -137,8 +137,9 @@ impl LiveArgs {
         });
         let slam = job.slam(evaluator);
         let mut mapping = LiveMapping::new(&mut node, source.frames().clone(), slam, self.grid.cell_size, save)?;
-        job.run_by(&mut mapping, &mut observers, &mut outputs)?;
-        outputs.finish();
+        if job.run_by(&mut mapping, &mut observers, &mut outputs)?.counts.scans > 0 {
+            outputs.finish();
+        }
         Ok(std::mem::take(&mut outputs.errors))
     }
 
