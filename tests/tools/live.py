@@ -22,12 +22,16 @@ from pathlib import Path
 # Times as fast as it was driven.
 SPEED = 6.0
 # Of the drive [s].
-DURATION = 100
+DURATION = 120
 # Stamps of the log begin at 0.
 FIRST_STAMP = 1_700_000_000
 SMALL = ["--backend", "cpu", "--particles", "64", "--maps", "4"]
-# Two runs over the same scans, whose stamps and odometry are rounded otherwise, differ by chance.
-NEAR = 0.15
+# Chance decides where so few particles end: two runs with other seeds are 0.26 m apart at most, and the motions of ten seconds
+# differ by less than 0.03 m in all but one of twenty.
+NEAR = 0.5
+NEAR_MOTIONS = 0.06
+# Of online poses to smoothed ones, and in the finished map.
+NEAR_SMOOTHED = 0.3
 
 
 def alone():
@@ -202,19 +206,33 @@ def apart(poses, others):
     return max(math.dist(poses[stamp][:2], others[stamp][:2]) for stamp in both)
 
 
+def motions_apart(poses, others):
+    """How far the motions of ten seconds are apart, in all but one of twenty."""
+
+    def motion(path, stamp):
+        (x, y, heading), (to_x, to_y, _) = path[stamp], path[round(stamp + 10, 3)]
+        ahead, left, sine, cosine = to_x - x, to_y - y, math.sin(heading), math.cos(heading)
+        return cosine * ahead + sine * left, cosine * left - sine * ahead
+
+    both = [stamp for stamp in poses.keys() & others.keys() if round(stamp + 10, 3) in poses.keys() & others.keys()]
+    distances = sorted(math.dist(motion(poses, stamp), motion(others, stamp)) for stamp in both)
+    assert len(distances) > 100, distances
+    return distances[len(distances) * 19 // 20]
+
+
 def cells_of(picture):
     """Free and occupied cells of a PGM file."""
     cells = picture.read_bytes()
     return cells.count(254), cells.count(0)
 
 
-def check_given(robot, by_run, entries):
-    """What a drive gave others is what `run` found."""
+def check_given(robot, by_live, entries):
+    """What a drive gave others is near what was found in the end."""
     poses = {round(seconds(given.header.stamp), 3): plane(given.pose.pose) for given in robot.given["pose"]}
     scans = sum(kind != "ODOM" for _, kind, _ in entries)
     assert len(poses) > 0.9 * scans, f"{len(poses)} poses of {scans} scans"
     assert all(given.header.frame_id == "map" and given.pose.covariance[0] > 0 for given in robot.given["pose"])
-    assert apart(poses, by_run) < 2 * NEAR, apart(poses, by_run)
+    assert apart(poses, by_live) < NEAR, apart(poses, by_live)
 
     by_odometry = {round(when, 3): what for when, kind, what in entries if kind == "ODOM"}
     transforms = [transform for given in robot.given["tf"] for transform in given.transforms]
@@ -226,12 +244,13 @@ def check_given(robot, by_run, entries):
         if sent in by_odometry:
             corrected[sent] = moved(plane(transform.transform), by_odometry[sent])
     assert len(corrected) > 0.8 * len(by_odometry), f"{len(corrected)} transforms"
-    off = sorted(math.dist(corrected[when][:2], by_run[when][:2]) for when in corrected.keys() & by_run.keys())
-    assert off[len(off) * 9 // 10] < 2 * NEAR, off[-20:]
-    # A correction that is left out would not do.
-    raw = [math.dist(moved(by_run[0.0], moved((-9.5, -6.6, 0.0), by_odometry[when]))[:2], by_run[when][:2]) for when in corrected]
-    print(f"corrected {off[len(off) * 9 // 10]:.3f} m off, odometry {max(raw):.2f} m")
-    return len(poses)
+    both = corrected.keys() & by_live.keys()
+    off = sorted(math.dist(corrected[when][:2], by_live[when][:2]) for when in both)[len(both) * 9 // 10]
+    # The odometry begins there.
+    start = (-9.5, -6.6, 0.0)
+    raw = max(math.dist(moved(start, by_odometry[when])[:2], by_live[when][:2]) for when in both)
+    print(f"by map -> odom {off:.3f} m off, by odometry alone {raw:.2f} m")
+    assert off < NEAR_SMOOTHED < raw
 
 
 def main():
@@ -280,24 +299,27 @@ def map_live(program, log, entries):
         live.kill()
         print(said())
 
-    by_run = read_trajectory(Path("run/trajectory.tum"))
-    by_live = {round(t - FIRST_STAMP, 3): pose for t, pose in read_trajectory(Path("live/trajectory.tum")).items()}
-    print(f"trajectories are {apart(by_live, by_run):.3f} m apart at most")
-    assert apart(by_live, by_run) < NEAR
-    # Others would not do.
-    assert apart({t: (x + 0.2, y, heading) for t, (x, y, heading) in by_live.items()}, by_run) > NEAR
-
     [summary, of_run] = [json.loads(Path(f"{name}/summary.json").read_text()) for name in ("live", "run")]
     scans = sum(kind != "ODOM" for _, kind, _ in entries)
     # A machine that is busy with other things may drop some.
     [taken, dropped] = [summary["beams"][name] for name in ("scans", "scans_dropped")]
-    assert taken + dropped >= 0.98 * scans and dropped < 0.05 * scans, (taken, dropped, scans)
+    print(f"{taken} scans taken and {dropped} dropped of {scans}")
+    assert taken + dropped >= 0.98 * scans and dropped < 0.05 * scans
+
+    by_run = read_trajectory(Path("run/trajectory.tum"))
+    by_live = {round(t - FIRST_STAMP, 3): pose for t, pose in read_trajectory(Path("live/trajectory.tum")).items()}
+    print(f"trajectories are {apart(by_live, by_run):.3f} m apart at most, motions {motions_apart(by_live, by_run):.3f} m")
+    assert apart(by_live, by_run) < NEAR and motions_apart(by_live, by_run) < NEAR_MOTIONS
+    # One that is 3 % too long would not do.
+    longer = {when: (1.03 * x, 1.03 * y, heading) for when, (x, y, heading) in by_live.items()}
+    assert motions_apart(longer, by_run) > NEAR_MOTIONS
+
     [walls, expected] = [found["map"]["clusters"] for found in (summary, of_run)]
     print(f"{walls} walls, {expected} by run")
     assert abs(walls - expected) <= 0.1 * expected, (walls, expected)
     assert summary["verdict"] == of_run["verdict"] == "consistent"
 
-    check_given(robot, by_run, entries)
+    check_given(robot, by_live, entries)
     grid, (free, occupied) = robot.given["map"][-1], cells_of(Path("run/map.pgm"))
     assert grid.header.frame_id == "map" and len(grid.data) == grid.info.width * grid.info.height
     assert abs(grid.data.count(0) - free) < 0.1 * free, (grid.data.count(0), free)
@@ -313,7 +335,7 @@ def map_live(program, log, entries):
 
 def localise_live(program, entries):
     live, said = start(program, "located", ["--map", "live/map.json", "--backend", "cpu", "--particles", "5000"])
-    by_run = read_trajectory(Path("run/trajectory.tum"))
+    by_live = {round(t - FIRST_STAMP, 3): pose for t, pose in read_trajectory(Path("live/trajectory.tum")).items()}
     entries = [entry for entry in entries if 30 <= entry[0] < 70]
     try:
         robot = Robot()
@@ -328,7 +350,7 @@ def localise_live(program, entries):
                 covariance = [0.0] * 36
                 covariance[0] = covariance[7] = 0.25
                 covariance[35] = 0.07
-                said_pose = PoseWithCovariance(pose(*by_run[round(when, 3)]), covariance)
+                said_pose = PoseWithCovariance(pose(*by_live[round(when, 3)]), covariance)
                 says.write(PoseWithCovarianceStamped(Header(stamp(when), "map"), said_pose))
 
         robot.begin_to_scan()
@@ -340,9 +362,9 @@ def localise_live(program, entries):
         print(said())
     assert placed, "no initial pose was asked for"
     poses = {round(seconds(given.header.stamp), 3): plane(given.pose.pose) for given in robot.given["pose"]}
-    print(f"placed at {placed[0]} s, located at {min(poses)} s, {apart(poses, by_run):.3f} m off at most")
+    print(f"placed at {placed[0]} s, located at {min(poses)} s, {apart(poses, by_live):.3f} m off at most")
     assert len(poses) > 0.3 * sum(kind != "ODOM" for _, kind, _ in entries), len(poses)
-    assert apart(poses, by_run) < 2 * NEAR
+    assert apart(poses, by_live) < NEAR_SMOOTHED
     assert robot.given["tf"] and len(robot.given["map"]) == 1
     [status] = robot.given["diagnostics"][-1].status
     assert status.level == 0 or "scans dropped" in status.message, status
