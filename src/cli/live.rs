@@ -18,7 +18,7 @@ use ipslam::config::{Config, SlamConfig};
 use ipslam::geometry::Pose;
 use ipslam::io::Stream;
 use ipslam::io::mcap::{McapLog, Topics};
-use ipslam::live::{LiveLocalization, LiveMapping, Names, Network, Node};
+use ipslam::live::{LiveError, LiveLocalization, LiveMapping, Names, Network, Node};
 use ipslam::localization::InitialPose;
 use ipslam::pipeline::RunInfo;
 use std::path::{Path, PathBuf};
@@ -177,15 +177,15 @@ impl LiveArgs {
     fn join(&self) -> anyhow::Result<Option<Joined>> {
         let names = Names {
             domain: chosen_domain(self.domain)?,
-            namespace: self.namespace.clone(),
+            namespace: format!("/{}", self.namespace.trim_matches('/')),
             scan: self.scan_topic.clone(),
             odometry: self.odom_topic.clone(),
             map_frame: self.map_frame.clone(),
         };
         let topics = Topics { scan: names.scan.iter().map(|topic| names.absolute(topic)).collect(), odometry: None };
-        let mut node = Node::new(names)?;
+        let mut node = Node::new(names).map_err(usage)?;
         interrupt::watch()?;
-        let bag = node.subscribe()?;
+        let bag = node.subscribe().map_err(usage)?;
         let stream = Stream::new("live", bag, interrupt::happened).context("messages cannot be kept")?;
         let (listed, odometry) = (topics.scan.join(", "), node.names().absolute(&self.odom_topic));
         say!("waiting for scans on {listed}, odometry on {odometry} or /tf, in domain {}", node.names().domain);
@@ -205,6 +205,14 @@ impl LiveArgs {
             ),
         }
         Ok(Some(Joined { node, source, _watch: watch }))
+    }
+}
+
+/// A name that cannot be is an option's.
+fn usage(error: LiveError) -> anyhow::Error {
+    match error {
+        LiveError::Name(_) => UsageError(error.to_string()).into(),
+        other => other.into(),
     }
 }
 

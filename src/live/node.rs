@@ -47,13 +47,11 @@ pub enum LiveError {
         reason: String,
     },
     /// A name that ROS 2 does not allow.
-    #[error("`{name}` is no name of ROS 2: {reason}")]
-    Name {
-        /// The name.
-        name: String,
-        /// What is wrong with it.
-        reason: String,
-    },
+    #[error(
+        "`{0}` is no name of ROS 2: these have letters, digits and single underscores in parts with a slash between them, none of \
+         which begins with a digit"
+    )]
+    Name(String),
     /// The system gives no pipe or thread.
     #[error("messages cannot be received: {0}")]
     Pipe(#[from] std::io::Error),
@@ -103,7 +101,7 @@ impl Names {
 
 /// The error of a name.
 fn wrong(name: &str) -> impl Fn(NameError) -> LiveError + '_ {
-    move |error| LiveError::Name { name: name.to_owned(), reason: error.to_string() }
+    |_| LiveError::Name(name.to_owned())
 }
 
 impl Maker<'_> {
