@@ -16,7 +16,7 @@ use crate::evaluator::pose::LocalPose;
 use crate::evaluator::sighting::Sighting;
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::tiles::{Tile, reach, tiles};
-use crate::evaluator::{Evaluator, Propagation, Proposal, Scene, Start, best_mode};
+use crate::evaluator::{Evaluator, MODE_TEMPER, Mode, Propagation, Proposal, Scene, Start, best_modes};
 use crate::filter::ancestry::Ancestry;
 use crate::filter::resampling::resample;
 use crate::filter::weights::{effective_sample_size, normalised};
@@ -25,6 +25,7 @@ use crate::gpu::DeviceError;
 use crate::log::{LaserReading, LogEntry};
 use crate::loops::{Closed, Keyframe, Loops};
 use crate::map::merging::{MapChange, merge_scan};
+use crate::map::seen_through::share_behind;
 use crate::map::{LineMap, Map, MapCluster, Pool, Slot};
 use crate::motion::Motion;
 use crate::objects::{Detections, Landmark, ObjectMap, Objects, Observation};
@@ -33,6 +34,7 @@ use crate::random::{Draw, bits, uniform};
 use crate::report::{Estimate, Estimator, Event, Loop, ReportedParticle, RunResult, StageTimes, StepReport, timed};
 use crate::scan::Scan;
 use crate::tracking::Tracker;
+use crate::tracking::doubt::Doubt;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -79,6 +81,11 @@ struct Reading {
     step_from_robot: Motion,
 }
 
+/// Modes of a scan match that are compared.
+const MODES: usize = 4;
+/// What fewer steps saw may be somebody who walks by, and hides nothing.
+const SURE: u32 = 2;
+
 /// The filter.
 ///
 /// The covariance of an [`Estimate`] is that of the filter at the time of the reading. At a step it is the weighted mean square
@@ -103,6 +110,7 @@ pub struct Slam {
     steps: u32,
     /// The motion since the last step.
     tracker: Tracker,
+    doubt: Doubt,
     loops: Loops,
     /// What a detector of objects sees.
     objects: Option<Objects>,
@@ -146,6 +154,7 @@ impl Slam {
             covariances: vec![Matrix3::zeros()],
             steps: 0,
             tracker: Tracker::new(config.motion, config.tracking),
+            doubt: Doubt::default(),
             loops: Loops::new(config.closer(), LineMap::default()),
             objects: None,
             earlier: Vec::new(),
@@ -310,18 +319,38 @@ impl Slam {
 
     /// Tracks the robot from scan to scan in the best map: odometry, corrected by scan matching.
     fn track(&mut self, tiles: &[Tile]) {
-        let starts = self.config.tracking.starts;
-        let tracked = self.tracker.tracked();
-        let Some(information) = tracked.covariance.try_inverse().filter(|_| starts > 0 && self.steps > 0) else {
+        let (least, covariance) = (self.config.tracking.starts as usize, self.tracker.tracked().covariance);
+        if least == 0 || self.steps == 0 {
             return;
-        };
+        }
+        let points: usize = tiles.iter().map(|tile| tile.count as usize).sum();
+        // What the map adds for a point to the likelihood of clutter.
+        let log_outlier = f64::from(self.table.log_outlier());
+        let gain = |mode: &Mode| f64::from(mode.log_likelihood) / points.max(1) as f64 - log_outlier;
+        let starts = Doubt::starts(least, &covariance, self.config.proposal.capture_sigma);
+        let Some(mut mode) = self.match_from(starts, tiles) else { return };
+        if let Some(more) = self.doubt.again(starts, gain(&mode)) {
+            // The first of them are the same.
+            mode = self.match_from(more, tiles).unwrap_or(mode);
+        }
+        self.doubt.add(gain(&mode));
+        self.tracker.correct(Motion {
+            mean: mode.pose.in_world(self.table.anchor()).seen_from(self.hypotheses[self.best].world_from_robot),
+            covariance: unpacked(mode.information).try_inverse().unwrap_or(covariance),
+        });
+    }
+
+    /// The best pose of the robot in the best map that is reached from this many starts, drawn from the motion.
+    fn match_from(&mut self, starts: usize, tiles: &[Tile]) -> Option<Mode> {
+        let tracked = self.tracker.tracked();
+        let information = tracked.covariance.try_inverse()?;
         let best = &self.hypotheses[self.best];
         let expected = LocalPose::new(best.world_from_robot * tracked.mean, self.table.anchor());
         let how = Propagation {
             step: self.readings.len() as u32,
             draw: Draw::Tracking,
             starts: &[Start { mean: expected, prior: expected }],
-            particles_per_map: starts as usize,
+            particles_per_map: starts,
             // The pose that odometry predicts.
             exact_first: true,
             is_heavy_tailed: true,
@@ -330,12 +359,27 @@ impl Slam {
         };
         let maps = [self.near(&best.map, expected, tiles, how.longest_way())];
         let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
-        if let Some(mode) = best_mode(proposals) {
-            self.tracker.correct(Motion {
-                mean: mode.pose.in_world(self.table.anchor()).seen_from(best.world_from_robot),
-                covariance: unpacked(mode.information).try_inverse().unwrap_or(tracked.covariance),
-            });
-        }
+        let modes = best_modes(proposals.into_iter().map(|proposal| proposal.mode), MODES);
+        let [_, _, ..] = modes[..] else { return modes.first().copied() };
+        // Several places fit. What the scan looks through decides as well: a point behind a wall speaks against a place as much as
+        // one on a wall speaks for it.
+        let score = |mode: &Mode| {
+            let log_outlier = self.table.log_outlier();
+            let count: u32 = tiles.iter().map(|tile| tile.count).sum();
+            let gain = mode.log_likelihood - count as f32 * log_outlier;
+            mode.tempered_log_posterior() - MODE_TEMPER * f64::from(gain) * self.share_behind(mode.pose, tiles)
+        };
+        modes.into_iter().map(|mode| (score(&mode), mode)).max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, mode)| mode)
+    }
+
+    /// Share of the points of a scan that are behind walls of the best map, from this pose.
+    fn share_behind(&self, pose: LocalPose, tiles: &[Tile]) -> f64 {
+        let slots = self.near(&self.hypotheses[self.best].map, pose, tiles, 0.0);
+        let world_from_robot = pose.in_world(self.table.anchor());
+        let robot = world_from_robot.position();
+        let rays: Vec<_> = tiles.iter().flat_map(Tile::points).map(|point| [robot, world_from_robot * point]).collect();
+        let walls = slots.iter().map(|&slot| self.pool.get(slot));
+        share_behind(&rays, walls.filter(|wall| wall.sightings >= SURE).map(|wall| &wall.cluster))
     }
 
     /// Table I, 6a: draws a pose for every particle from the motion (eq. 17) and, unless scan matching is switched off, from the

@@ -22,6 +22,7 @@
 //! Everything here is f32 in a frame near the robot, that of the [`ClusterTable`], so that a map kilometres from the
 //! origin keeps its millimetres; the host goes on in f64.
 
+use crate::geometry::wrap_angle;
 use crate::gpu::DeviceError;
 use crate::map::Slot;
 use crate::parameters::parameters;
@@ -145,15 +146,34 @@ pub struct Proposal {
 /// together, and what a map has wrong they have wrong together: as the weights of the filter are tempered.
 pub(crate) const MODE_TEMPER: f64 = 0.025;
 
-/// The mode of the highest posterior that particles climbed to, with tempered log-likelihoods: taken at their word, two points
-/// that a wrong place explains would outweigh any odometry. `None` without particles.
-pub fn best_mode(proposals: Vec<Proposal>) -> Option<Mode> {
-    let log_posterior = |mode: &Mode| {
-        let log_prior = f64::from(mode.log_posterior) - f64::from(mode.log_likelihood);
-        log_prior + MODE_TEMPER * f64::from(mode.log_likelihood)
-    };
-    let modes = proposals.into_iter().map(|proposal| proposal.mode);
-    modes.reduce(|a, b| if log_posterior(&b) > log_posterior(&a) { b } else { a })
+impl Mode {
+    /// Log of the posterior, but for a constant, with a tempered likelihood: taken at their word, two points that a wrong place
+    /// explains would outweigh any odometry.
+    pub fn tempered_log_posterior(&self) -> f64 {
+        let log_prior = f64::from(self.log_posterior) - f64::from(self.log_likelihood);
+        log_prior + MODE_TEMPER * f64::from(self.log_likelihood)
+    }
+
+    fn is_near(&self, other: &Mode) -> bool {
+        let (a, b) = (&self.pose, &other.pose);
+        (a.x - b.x).hypot(a.y - b.y) < APART[0] as f32 && wrap_angle(f64::from(a.heading - b.heading)).abs() < APART[1]
+    }
+}
+
+/// Modes this close together are one \[m, rad\].
+const APART: [f64; 2] = [0.3, 0.1];
+
+/// The modes of the highest posteriors that particles climbed to, best first, at most `count`.
+pub fn best_modes(modes: impl Iterator<Item = Mode>, count: usize) -> Vec<Mode> {
+    let mut all: Vec<Mode> = modes.filter(|mode| mode.tempered_log_posterior().is_finite()).collect();
+    all.sort_by(|a, b| b.tempered_log_posterior().total_cmp(&a.tempered_log_posterior()));
+    let mut best: Vec<Mode> = Vec::new();
+    for mode in all {
+        if best.len() < count && !best.iter().any(|other| mode.is_near(other)) {
+            best.push(mode);
+        }
+    }
+    best
 }
 
 /// How poses move that each start from where they are.

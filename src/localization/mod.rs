@@ -18,7 +18,7 @@ use crate::evaluator::cholesky::{Cholesky, packed, unpacked};
 use crate::evaluator::failover::Failover;
 use crate::evaluator::pose::LocalPose;
 use crate::evaluator::tiles::{Tile, reach, tiles};
-use crate::evaluator::{Advance, Evaluator, ITERATIONS, Mode, Propagation, Scene, Start, Weighed, best_mode};
+use crate::evaluator::{Advance, Evaluator, ITERATIONS, Mode, Propagation, Scene, Start, Weighed, best_modes};
 use crate::filter::recovery::Recovery;
 use crate::filter::weights::{effective_sample_size, normalised};
 use crate::geometry::Pose;
@@ -33,6 +33,7 @@ use crate::report::{
 };
 use crate::scan::Scan;
 use crate::tracking::Tracker;
+use crate::tracking::doubt::LEVER;
 use bins::BIN;
 use clouds::Clouds;
 use drawing::{Drawn, in_order};
@@ -126,8 +127,6 @@ const MIN_SIGMA: f64 = 0.1;
 /// two limits it is half the distance of neighbouring particles. With thinner walls, a particle that is close to a wrong pose by
 /// chance would win against the right one, which no particle is close to.
 const MAX_SIGMA: f64 = 0.5;
-/// Length \[m\] by which a heading is converted to a distance: that of a typical wall.
-const LEVER: f64 = 5.0;
 
 impl Localization {
     /// A filter before the first reading, with a configuration that [`LocalizationConfig::validate`] accepts. The map and the
@@ -296,7 +295,8 @@ impl Localization {
         let reach = reach(tiles) + how.longest_way();
         let maps = [self.walls.table.near(&self.walls.slots[0], mean.x, mean.y, reach)];
         let scene = Scene { table: &self.walls.table, tiles, maps: &maps };
-        best_mode(self.evaluator.propagate(&scene, &how)).unwrap_or_default()
+        let modes = self.evaluator.propagate(&scene, &how).into_iter().map(|proposal| proposal.mode);
+        best_modes(modes, 1).first().copied().unwrap_or_default()
     }
 
     /// Replaces the particles, sorted by place, and sets the thickness of walls to their spacing. Returns the parent of each.

@@ -27,7 +27,6 @@ use crate::parameters::parameters;
 use crate::ppca::Cluster;
 use crate::report::Loop;
 use bend::{Bent, Chain, Doubt, Tie, pose_of};
-use nalgebra::Point2;
 use one_map::OneMap;
 use rebuild::rebuild;
 use revisits::{agreement, revisits};
@@ -250,6 +249,9 @@ impl Loops {
         let query = self.drive.query(window, path, &self.config)?;
         let is_found = |found: &Found| found.explained >= LEAST_EXPLAINED;
         let is_here = |found: &Found| is_near(found.world_from_robot, robot, SAME);
+        if is_found(&self.older.evaluate(robot, &query)) {
+            return None;
+        }
         if self.older.search_near(&query, robot, evaluator).is_some_and(|near| is_found(&near) && is_here(&near)) {
             return None;
         }
@@ -311,16 +313,6 @@ struct Hypothesis {
     ties: Vec<Tie>,
     /// The error that the loop adds to the pose graph \[nats\].
     cost: f64,
-}
-
-/// A wall hides what lies behind it only where it is thicker than this \[m\]: scans are matched to no better.
-const HIDING_SIGMA: f64 = 0.1;
-
-/// Share of rays, each from where the robot was to a point that it saw, that go through one of these walls.
-fn share_behind<'a>(rays: &[[Point2<f64>; 2]], walls: impl Iterator<Item = &'a Cluster> + Clone) -> f64 {
-    let is_behind =
-        |&&[robot, point]: &&[Point2<f64>; 2]| walls.clone().any(|wall| wall.separates(robot, point, HIDING_SIGMA));
-    rays.iter().filter(is_behind).count() as f64 / rays.len().max(1) as f64
 }
 
 /// Matches a scan to walls that are first taken to be thick, so that one some way off is found, and then as they are.

@@ -1,7 +1,7 @@
 //! Ties between the visits to a place: the scan of a step, matched to the walls that an earlier visit saw there.
 
 use super::bend::{MOTION, Tie, pose_of};
-use super::{Closer, Drive, Keyframe, match_closely, share_behind};
+use super::{Closer, Drive, Keyframe, match_closely};
 use crate::evaluator::cholesky::{packed, unpacked};
 use crate::evaluator::cpu::Matched;
 use crate::evaluator::pose::LocalPose;
@@ -9,6 +9,7 @@ use crate::evaluator::tiles::{Tile, reach};
 use crate::evaluator::{MODE_TEMPER, PosePrior};
 use crate::geometry::Pose;
 use crate::likelihood::ClusterParams;
+use crate::map::seen_through::share_behind;
 use crate::ppca::Cluster;
 use nalgebra::{Matrix3, Point2, Vector3};
 use rayon::prelude::*;

@@ -1,6 +1,6 @@
 //! Where in the older part of the map are the walls of the last metres?
 
-use super::{Closer, Drive, Keyframe, OneMap, is_near, share_behind};
+use super::{Closer, Drive, Keyframe, OneMap, is_near};
 use crate::evaluator::cholesky::Cholesky;
 use crate::evaluator::failover::Failover;
 use crate::evaluator::pose::LocalPose;
@@ -8,6 +8,7 @@ use crate::evaluator::tiles::{Tile, reach, tiles};
 use crate::evaluator::{Advance, ITERATIONS, Propagation, Scene, Start, Weighed};
 use crate::geometry::{Pose, wrap_angle};
 use crate::likelihood::ClusterParams;
+use crate::map::seen_through::share_behind;
 use crate::map::{LineMap, Slot};
 use crate::ppca::Cluster;
 use crate::random::Draw;
@@ -236,7 +237,7 @@ impl OlderMap {
     }
 
     /// How well the query fits at a place.
-    fn evaluate(&self, world_from_robot: Pose, query: &Query) -> Found {
+    pub fn evaluate(&self, world_from_robot: Pose, query: &Query) -> Found {
         let OneMap { pool, table, .. } = &self.map;
         let near = self.map.near(world_from_robot, reach(&query.tiles));
         let rows: Vec<ClusterParams> = near.iter().map(|&slot| table.rows()[slot as usize]).collect();

@@ -11,6 +11,7 @@ use nalgebra::Vector2;
 mod from_grid;
 pub mod matching;
 pub mod merging;
+pub(crate) mod seen_through;
 
 pub use from_grid::clusters_of_grid;
 

@@ -13,6 +13,7 @@ use crate::motion::{Motion, MotionConfig, Travel};
 use crate::parameters::parameters;
 use errors::Errors;
 
+pub mod doubt;
 mod errors;
 pub use errors::OdometryErrors;
 
