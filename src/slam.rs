@@ -172,6 +172,12 @@ impl Slam {
         Self { objects: Some(Objects::new(detections)), ..self }
     }
 
+    /// `world_from_robot` at the steps so far, by the best particle.
+    pub fn path(&self) -> Vec<Pose> {
+        // Node 0 is the start.
+        self.ancestry.path(self.hypotheses[self.best].path).split_off(1)
+    }
+
     /// Tracks the robot; takes a step at the first scan and whenever the robot has moved far enough.
     fn add_laser(&mut self, reading: &LaserReading, observe: &mut dyn FnMut(&Event<'_>)) {
         let scan = Scan::from_reading(reading, &self.config.scan);
