@@ -50,12 +50,12 @@ impl Settings {
     /// A number is outside of its range.
     #[wasm_bindgen(constructor)]
     pub fn new(maps: f64, seed: f64, scan_topic: &str, odometry_topic: &str) -> Result<Self, String> {
-        let count = |name: &str, number: f64| {
-            let is_count = number.fract() == 0.0 && (0.0..9e15).contains(&number);
-            if is_count { Ok(number as u64) } else { Err(format!("{name}: a whole number is needed")) }
+        let count = |name: &str, number: f64, least: f64| {
+            let is_count = number.fract() == 0.0 && (least..9e15).contains(&number);
+            if is_count { Ok(number as u64) } else { Err(format!("{name}: a whole number from {least} is needed")) }
         };
-        let maps = count("maps", maps)? as usize;
-        let config = SlamConfig { maps, particles: maps, seed: count("seed", seed)?, ..SlamConfig::default() };
+        let maps = count("maps", maps, 1.0)? as usize;
+        let config = SlamConfig { maps, particles: maps, seed: count("seed", seed, 0.0)?, ..SlamConfig::default() };
         config.validate().map_err(|error| error.to_string())?;
         let named = |topic: &str| Some(topic.trim().to_owned()).filter(|topic| !topic.is_empty());
         let topics = Topics { scan: named(scan_topic).into_iter().collect(), odometry: named(odometry_topic) };
