@@ -10,6 +10,10 @@ use crate::slam::{Slam, SlamConfig};
 use crate::smoothing::Smoother;
 use web_time::Instant;
 
+pub use verdict::refused_odometry;
+
+mod verdict;
+
 /// What a run starts with: together with the entries of its log, everything needed to repeat it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunInfo {

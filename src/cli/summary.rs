@@ -4,7 +4,7 @@ use super::eval::Report;
 use ipslam::config::SlamConfig;
 use ipslam::geometry::Pose;
 use ipslam::pipeline::{Continued, End, Outcome};
-use ipslam::report::{Loop, RunResult, StageTimes};
+use ipslam::report::{RunResult, StageTimes};
 use ipslam::tracking::OdometryErrors;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -13,10 +13,6 @@ use std::fmt::Write as _;
 const NUMBERS_PER_CLUSTER: u64 = 5;
 /// A measured point by its two coordinates.
 const NUMBERS_PER_POINT: u64 = 2;
-
-/// Share of what scans saw that may be gone when they look again: in drives that came out right it is below 0.06, and where
-/// three or six people walk along and mislead the robot above 0.3.
-const MOVING: f64 = 0.2;
 
 /// The run to summarise.
 pub struct Summary<'a> {
@@ -62,64 +58,8 @@ impl Summary<'_> {
 
     /// Warnings: the run went on.
     fn warnings(&self) -> Vec<String> {
-        let (stats, counts) = (&self.mapped.stats, &self.mapped.counts);
-        let mut warnings = Vec::new();
-        match &self.mapped.end {
-            End::Log => {}
-            End::MaxScans => warnings.push(format!("ended after {} scans, as asked for", counts.scans)),
-            End::Interrupted => warnings.push(format!("interrupted after {} scans", counts.scans)),
-            End::BrokeOff(error) => warnings.push(format!("the log breaks off: {error}")),
-        }
+        let mut warnings = self.mapped.warnings();
         warnings.extend(dropped_scans(self.dropped));
-        if let Some(failure) = &self.mapped.evaluator_failure {
-            warnings.push(format!("{failure}; the CPU did the step again and went on"));
-        }
-        if let Some(first) = &stats.first_malformed {
-            warnings.push(format!("malformed lines left out: {}; the first one: {first}", stats.malformed));
-        }
-        match stats.laser_without_odometry {
-            0 => {}
-            _ if self.has_no_odometry() => {
-                warnings.push("no odometry at all: the map is made by scan matching alone and may be wrong where scans have few features; check map.png".to_owned());
-            }
-            some => warnings.push(format!(
-                "scans before any odometry, or in a bag more than 1 s from it: {some}; they were taken to be where it starts \
-                 or is nearest"
-            )),
-        }
-        warnings.extend(refused_odometry(&self.mapped.result));
-        if self.mapped.result.objects.as_ref().is_some_and(|objects| objects.frames_used == 0) {
-            warnings.push("no frame of detections lies within the log: is its clock the same?".to_owned());
-        }
-        if stats.laser_without_mounting > 0 {
-            warnings.push(
-                "the bag has no mounting of the laser (no chain of fixed transforms on /tf_static or /tf): the laser was assumed to be at the robot's \
-                 origin, facing forward"
-                    .to_owned(),
-            );
-        }
-        if let Some(seconds) = stats.clocks_differ {
-            warnings.push(format!(
-                "scans and odometry are stamped by clocks that differ by {seconds:.1} s, or one does not run: the times at \
-                 which the bag received them counted in place of the stamps"
-            ));
-        }
-        if stats.guessed_angles > 0 {
-            warnings.push(format!(
-                "sweeps without the angles of their beams: {}; 180 degrees were assumed (option --fov)",
-                stats.guessed_angles
-            ));
-        }
-        if stats.backward_stamps > 0 {
-            let count = stats.backward_stamps;
-            warnings.push(format!("stamps that go backwards: {count}; the order of the log counted, not the stamps"));
-        }
-        if counts.empty_scans > 0 {
-            warnings.push(format!("scans without a point: {} of {}", counts.empty_scans, counts.scans));
-        }
-        if counts.scans == 1 {
-            warnings.push("one scan only: the map is what it saw".to_owned());
-        }
         let nothing_matched = "no stamp finds a pose of the trajectory; is it of the same log and clock?";
         if let Some((path, _)) = self.report.relations.as_ref().filter(|(_, errors)| errors.all.is_none()) {
             warnings.push(format!("{}: {nothing_matched}", path.display()));
@@ -130,45 +70,12 @@ impl Summary<'_> {
         warnings
     }
 
-    /// None in the log, or one that never changes while scan matching has the robot drive.
-    fn has_no_odometry(&self) -> bool {
-        let Outcome { stats, counts, result, .. } = self.mapped;
-        let is_constant = || result.poses.windows(2).all(|pair| pair[0].odom_from_robot == pair[1].odom_from_robot);
-        stats.laser > 0 && (stats.laser_without_odometry == stats.laser || counts.steps > 1 && is_constant())
-    }
-
-    /// Why the result may not be relied on.
-    fn doubts(&self) -> Vec<String> {
-        let mut doubts = Vec::new();
-        let open: Vec<&Loop> = self.mapped.result.loops.iter().filter(|found| !found.is_closed).collect();
-        if let Some(first) = open.first() {
-            doubts.push(format!(
-                "loops that were found and that the path does not close: {}, first at stamp {} ({:.1} m off a place {})",
-                open.len(),
-                first.stamp,
-                first.correction,
-                first.older_stamp.map_or("of the earlier map".to_owned(), |stamp| format!("of stamp {stamp}"))
-            ));
-        }
-        let looked_through = self.mapped.result.looked_through;
-        if looked_through > MOVING {
-            doubts.push(format!(
-                "{:.0} % of what the scans saw was not there when they looked again: people who walk along, or a path that is wrong",
-                100.0 * looked_through
-            ));
-        }
-        if self.has_no_odometry() {
-            doubts.push("no odometry: where scans have few features, the distance driven is unknown".to_owned());
-        }
-        doubts
-    }
-
     /// Everything, units in the names.
     pub fn json(&self) -> serde_json::Result<Value> {
         let Self { mapped, config, .. } = self;
         let counts = &mapped.counts;
         let of_particles = |count: f64| count / config.particles as f64;
-        let doubts = self.doubts();
+        let doubts = mapped.doubts();
         Ok(json!({
             "program": "ipslam",
             "version": env!("CARGO_PKG_VERSION"),
@@ -303,7 +210,7 @@ impl Summary<'_> {
             ("", format!("goes on with {name}, from ({x:.2}, {y:.2}) m, {degrees:.0}° in it"))
         });
         let memory = peak_memory().map(|bytes| ("memory", format!("{:.0} MB at most", bytes as f64 / 1e6)));
-        let verdict = self.doubts().into_iter().map(|doubt| ("doubtful", doubt));
+        let verdict = mapped.doubts().into_iter().map(|doubt| ("doubtful", doubt));
         let warnings = self.warnings().into_iter().map(|warning| ("warning", warning)).chain(verdict);
         let mut table = String::new();
         let [log, others @ ..] = rows;
@@ -331,16 +238,6 @@ pub fn odometry_errors(result: &RunResult) -> String {
 /// What to say of scans that a live drive dropped.
 pub fn dropped_scans(count: u64) -> Option<String> {
     (count > 0).then(|| format!("scans that were dropped, as the filter could not keep up with the robot: {count}"))
-}
-
-/// What to say of odometry that was not believed, if there is any.
-pub fn refused_odometry(result: &RunResult) -> Option<String> {
-    let first = result.refused_odometry.first()?;
-    Some(format!(
-        "odometry that no robot can have driven (a jump, a restart, no number): {}, first at stamp {first}; scan matching \
-         bridged it (options tracking.max_speed, max_turn_rate, max_acceleration)",
-        result.refused_odometry.len()
-    ))
 }
 
 /// JSON has no infinity and `serde_json` writes null for it; of a configuration that was found valid no number is else.

@@ -1,5 +1,5 @@
 //! Files in and out: one file a format behind one small reader. [`open_log`] finds the reader for a log by its content,
-//! and [`open_stream`] that of one that comes through a pipe.
+//! [`open_bytes`] for one that is in memory, and [`open_stream`] for one that comes through a pipe.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ pub mod trajectory;
 pub mod tum;
 pub mod visual_inertial;
 
-pub use open::{open_log, open_stream};
+pub use open::{open_bytes, open_log, open_stream};
 pub use stream::Stream;
 pub use text::{TextError, read_text};
 

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// The log in a file, or in the folder of a ROS 2 bag: a bag of ROS or a CARMEN log.
 ///
@@ -33,6 +34,26 @@ pub fn open_log(path: impl AsRef<Path>, topics: &Topics) -> Result<Box<dyn LogSo
         return Ok(Box::new(McapLog::new(path, topics)?));
     }
     refusal(path, &begin, topics).map_or_else(|| Ok(Box::new(CarmenLog::new(path)) as Box<dyn LogSource>), Err)
+}
+
+/// The log in the bytes of a file, as [`open_log`] finds it there; `name` is that of the file. A bag in SQLite has to be in a
+/// file.
+///
+/// # Errors
+/// As for [`open_log`].
+pub fn open_bytes(
+    name: impl Into<PathBuf>,
+    bytes: impl Into<Arc<[u8]>>,
+    topics: &Topics,
+) -> Result<Box<dyn LogSource>, LogError> {
+    let (name, bytes) = (name.into(), bytes.into());
+    if mcap::is_bag(&bytes) {
+        return Ok(Box::new(McapLog::of_bytes(name, bytes, topics)?));
+    }
+    match refusal(&name, &bytes, topics) {
+        Some(error) => Err(error),
+        None => Ok(Box::new(CarmenLog::of_bytes(name, bytes))),
+    }
 }
 
 /// What a stream is called in errors.

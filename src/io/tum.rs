@@ -7,6 +7,7 @@ use super::{WriteError, columns, write_whole};
 use crate::geometry::{Pose, Pose3, StampedPose, StampedPose3};
 use crate::log::LogError;
 use nalgebra::{Point3, Quaternion, Unit};
+use std::io::Write;
 use std::path::Path;
 
 const EXPECTED: &str = "a trajectory has 8 columns (TUM: t x y z qx qy qz qw) or 4 (t x y theta [rad])";
@@ -79,14 +80,20 @@ fn heading_of_quaternion([x, y, z, w]: [f64; 4]) -> Result<f64, String> {
 /// # Errors
 /// The file cannot be written; what stood there before is then untouched.
 pub fn write(path: &Path, trajectory: &[StampedPose]) -> Result<(), WriteError> {
-    write_whole(path, |file| {
-        writeln!(file, "# t x y z qx qy qz qw")?;
-        for &StampedPose { stamp, pose } in trajectory {
-            let (qz, qw) = (pose.heading / 2.0).sin_cos();
-            writeln!(file, "{} {:.9} {:.9} 0 0 0 {qz:.12} {qw:.12}", stamp_text(stamp), pose.x, pose.y)?;
-        }
-        Ok(())
-    })
+    write_whole(path, |file| write_poses(trajectory, file))
+}
+
+/// The same to anything that takes bytes.
+///
+/// # Errors
+/// What `out` says.
+pub fn write_poses(trajectory: &[StampedPose], mut out: impl Write) -> std::io::Result<()> {
+    writeln!(out, "# t x y z qx qy qz qw")?;
+    for &StampedPose { stamp, pose } in trajectory {
+        let (qz, qw) = (pose.heading / 2.0).sin_cos();
+        writeln!(out, "{} {:.9} {:.9} 0 0 0 {qz:.12} {qw:.12}", stamp_text(stamp), pose.x, pose.y)?;
+    }
+    Ok(())
 }
 
 /// The shortest text that reads back as the same number, with 6 decimals at least.

@@ -7,7 +7,7 @@ use ipslam::config::SlamConfig;
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::CarmenLog;
 use ipslam::io::mcap::{McapLog, Topics};
-use ipslam::io::{Stream, open_log, open_stream};
+use ipslam::io::{Stream, open_bytes, open_log, open_stream};
 use ipslam::log::{LaserReading, LogEntry, LogError, LogSource, LogStats};
 use ipslam::ppca::Cluster;
 use ipslam::report::Estimator as _;
@@ -107,14 +107,27 @@ fn a_bag_tells_what_the_carmen_log_told() {
     let ros2 = ["none.mcap", "lz4.mcap", "zstd.mcap", "unchunked.mcap", "transforms.mcap", "folder", "split", "sqlite"];
     let ros1 = ["ros1_none.bag", "ros1_lz4.bag", "ros1_bz2.bag", "ros1_tf.bag"];
     for bag in ros2.into_iter().chain(ros1).chain(["sqlite/sqlite.db3"]) {
-        let outcome = read(&*open_log(folder.path().join(bag), &TOPICS).unwrap());
-        assert!(outcome.error.is_none(), "{bag}: {:?}", outcome.error);
-        assert_eq!(outcome.entries.len(), expected.len(), "{bag}: {:?}", outcome.stats);
-        let differs = outcome.entries.iter().zip(&expected).position(|(a, b)| !same(a, b));
-        assert_eq!(differs, None, "{bag}: {:?}", differs.map(|index| &outcome.entries[index]));
-        let count = SCANS as u64;
-        let expected_stats = LogStats { lines: 2 * count + 1, laser: count, odometry: count, ..LogStats::default() };
-        assert_eq!(outcome.stats, expected_stats, "{bag}");
+        let path = folder.path().join(bag);
+        let mut logs = vec![open_log(&path, &TOPICS).unwrap()];
+        if path.is_file() {
+            match open_bytes(bag, std::fs::read(&path).unwrap(), &TOPICS) {
+                Ok(log) => logs.push(log),
+                Err(error) => {
+                    assert!(bag.ends_with(".db3") && error.to_string().contains("from a file only"), "{error}")
+                }
+            }
+        }
+        for log in logs {
+            let outcome = read(&*log);
+            assert!(outcome.error.is_none(), "{bag}: {:?}", outcome.error);
+            assert_eq!(outcome.entries.len(), expected.len(), "{bag}: {:?}", outcome.stats);
+            let differs = outcome.entries.iter().zip(&expected).position(|(a, b)| !same(a, b));
+            assert_eq!(differs, None, "{bag}: {:?}", differs.map(|index| &outcome.entries[index]));
+            let count = SCANS as u64;
+            let expected_stats =
+                LogStats { lines: 2 * count + 1, laser: count, odometry: count, ..LogStats::default() };
+            assert_eq!(outcome.stats, expected_stats, "{bag}");
+        }
     }
     // The comparison rejects each field of an entry that is a little off.
     let changes: [fn(&mut LaserReading); 6] = [
@@ -747,6 +760,19 @@ fn a_log_is_known_by_its_content() {
     write("split/bag_1.mcap", b"");
     write("other/readme.txt", b"");
     assert_eq!(read(&*open_log(folder.path().join("carmen.mcap"), &TOPICS).unwrap()).entries.len(), 1);
+    let in_memory =
+        |name: &str, topics: &Topics| open_bytes(name, std::fs::read(folder.path().join(name)).unwrap(), topics);
+    let carmen = in_memory("carmen.mcap", &TOPICS).unwrap();
+    assert_eq!((carmen.name().as_str(), read(&*carmen).entries.len()), ("carmen", 1));
+    for (name, topics, expected) in [
+        ("carmen.mcap", &chosen, "only a bag has topics"),
+        ("old.bag", &TOPICS, "rosbag fix"),
+        ("bag.db3", &TOPICS, "from a file only"),
+        ("bag.mcap.zstd", &TOPICS, "zstd -d"),
+    ] {
+        let error = in_memory(name, topics).err().expect(name).to_string();
+        assert!(error.contains(name) && error.contains(expected), "{error:?} does not say {expected:?}");
+    }
     for (name, topics, expected) in [
         ("carmen.mcap", &chosen, "only a bag has topics"),
         ("one.bag", &TOPICS, "no message of type"),

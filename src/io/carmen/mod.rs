@@ -36,8 +36,9 @@ use input::{Input, Line};
 use parse::{LASERS, Message, Param, Setting, Sweep};
 use std::f64::consts::PI;
 use std::fs::File;
-use std::io::{ErrorKind, Read};
+use std::io::{Cursor, ErrorKind, Read};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 mod input;
 mod parse;
@@ -59,17 +60,22 @@ const EXPECTED: &str = "a CARMEN log is needed: text, plain or gzip, one message
 #[derive(Clone, Debug)]
 pub struct CarmenLog {
     path: PathBuf,
+    /// What the file holds, where it is in memory.
+    bytes: Option<Arc<[u8]>>,
     field_of_view: Option<f64>,
 }
 
 impl CarmenLog {
     /// The log in this file; nothing is opened yet.
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), field_of_view: None }
+        Self { path: path.into(), bytes: None, field_of_view: None }
     }
-}
 
-impl CarmenLog {
+    /// The log in the bytes of a file; `path` names it.
+    pub(super) fn of_bytes(path: PathBuf, bytes: Arc<[u8]>) -> Self {
+        Self { path, bytes: Some(bytes), field_of_view: None }
+    }
+
     /// The same log, in which sweeps that hold only ranges are spread over this angle \[rad\], the middle one ahead.
     pub fn with_field_of_view(self, field_of_view: f64) -> Self {
         Self { field_of_view: Some(field_of_view), ..self }
@@ -84,6 +90,11 @@ impl LogSource for CarmenLog {
     }
 
     fn open(&self) -> Result<Box<dyn LogReader>, LogError> {
+        if let Some(bytes) = &self.bytes {
+            let reader = CarmenReader::from_reader(&self.path, Cursor::new(Arc::clone(bytes)))?;
+            let reader = reader.with_field_of_view(self.field_of_view);
+            return Ok(Box::new(CarmenReader { length: Some(bytes.len() as u64), ..reader }));
+        }
         let failed = |source| LogError::Open { path: self.path.clone(), source };
         let file = File::open(&self.path).map_err(failed)?;
         let metadata = file.metadata().map_err(failed)?;

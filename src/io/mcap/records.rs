@@ -4,11 +4,11 @@
 //! of the data section; the summary behind it repeats what was read. No size in a file is trusted:
 //! memory grows with the bytes that are really there, up to a limit.
 
-use super::super::stream::{Stream, StreamReader};
+use super::super::stream::Stream;
 use super::messages::ros2_name;
+use super::storage::Bytes;
 use crc32fast::hash as crc32;
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{self, BufReader, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -55,22 +55,6 @@ pub(super) enum Next {
     End,
 }
 
-/// What is read.
-#[derive(Debug)]
-enum Bytes {
-    File(File),
-    Stream(StreamReader),
-}
-
-impl Read for Bytes {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        match self {
-            Self::File(file) => file.read(buffer),
-            Self::Stream(stream) => stream.read(buffer),
-        }
-    }
-}
-
 /// A bag that is being read: one MCAP file after the other.
 #[derive(Debug)]
 pub(super) struct Records {
@@ -101,6 +85,11 @@ impl Records {
         let first = rest.next().ok_or_else(|| io::Error::new(ErrorKind::NotFound, "the bag has no file"))?;
         let (file, length) = open(&first).map_err(|error| tell(&first, error))?;
         Ok(Self { rest, all: Some(all), ..Self::behind_magic(file, length) })
+    }
+
+    /// Opens the bytes of a file, of which there are `length`.
+    pub(super) fn of_memory(bytes: Bytes, length: u64) -> io::Result<Self> {
+        Ok(Self { all: Some(length), ..Self::behind_magic(behind_magic(bytes)?, length) })
     }
 
     /// Opens a stream that begins with [`MAGIC`].
@@ -190,10 +179,7 @@ impl Records {
         }
         let wanted = matches!(opcode, SCHEMA | CHANNEL | MESSAGE | CHUNK);
         if !wanted || length > MAX_RECORD {
-            // A stream cannot be sought in.
-            if io::copy(&mut self.file.by_ref().take(length), &mut io::sink())? != length {
-                return Err(cut_off());
-            }
+            Bytes::skip(&mut self.file, length)?;
             let too_long = || Next::Damage(format!("the record at byte {start} is longer than {MAX_RECORD} bytes"));
             return Ok(wanted.then(too_long));
         }
@@ -251,9 +237,8 @@ impl Records {
 
 /// A file, behind its magic bytes, and its length.
 fn open(path: &Path) -> io::Result<(BufReader<Bytes>, u64)> {
-    let file = File::open(path)?;
-    let length = file.metadata()?.len();
-    Ok((behind_magic(Bytes::File(file))?, length))
+    let (bytes, length) = Bytes::of_file(path)?;
+    Ok((behind_magic(bytes)?, length))
 }
 
 fn behind_magic(bytes: Bytes) -> io::Result<BufReader<Bytes>> {

@@ -5,10 +5,9 @@
 
 use super::messages::ros2_name;
 use super::records::{Channel, Chunk, Fields, MAX_RECORD, Next, cut_off, limit, named_cut_off};
+use super::storage::Bytes;
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{self, BufReader, ErrorKind, Read};
-use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Every bag of this format begins with this line.
@@ -21,7 +20,7 @@ const CONNECTION: u8 = 0x07;
 /// A bag that is being read.
 #[derive(Debug)]
 pub(super) struct Records {
-    file: BufReader<File>,
+    file: BufReader<Bytes>,
     consumed: u64,
     pub(super) all: u64,
     channels: BTreeMap<u32, Arc<Channel>>,
@@ -29,10 +28,9 @@ pub(super) struct Records {
 }
 
 impl Records {
-    pub(super) fn open(path: &PathBuf) -> io::Result<Self> {
-        let file = File::open(path)?;
-        let all = file.metadata()?.len();
-        let mut file = BufReader::with_capacity(1 << 16, file);
+    /// The bag in these bytes, of which there are `all`.
+    pub(super) fn new(bytes: Bytes, all: u64) -> io::Result<Self> {
+        let mut file = BufReader::with_capacity(1 << 16, bytes);
         let mut magic = [0; MAGIC.len()];
         if file.read_exact(&mut magic).is_err() || magic != MAGIC {
             let reason = "it is a bag of ROS 1 of an older format; `rosbag fix` makes one of 2.0";
@@ -98,7 +96,7 @@ impl Records {
             return Err(cut_off());
         }
         if length > MAX_RECORD {
-            self.file.seek_relative(i64::try_from(length).map_err(|_| cut_off())?)?;
+            Bytes::skip(&mut self.file, length)?;
             return Ok(None);
         }
         let mut bytes = Vec::new();
