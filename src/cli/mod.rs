@@ -25,6 +25,8 @@ mod known_map;
 mod localize;
 mod log;
 mod output;
+#[cfg(feature = "images")]
+mod pictures;
 mod progress;
 mod recording;
 mod replay;
