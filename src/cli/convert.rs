@@ -105,6 +105,8 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
         ensure_new(output)?;
         return args.pictures.convert(input, output);
     }
+    #[cfg(feature = "images")]
+    args.pictures.refuse(input)?;
     if let Some(set) = datasets::recognise(input) {
         return dataset.convert(set, input, output);
     }

@@ -25,6 +25,13 @@ pub struct PicturesArgs {
 }
 
 impl PicturesArgs {
+    /// Refuses options for pictures where there are none.
+    pub fn refuse(&self, input: &Path) -> Result<(), UsageError> {
+        let text =
+            || format!("{}: there is no {} in it, and --detector is for pictures", input.display(), pictures::PICTURES);
+        if self.detector.is_some() { Err(UsageError(text())) } else { Ok(()) }
+    }
+
     /// Makes the folder of a recording.
     pub fn convert(&self, input: &Path, output: &Path) -> anyhow::Result<()> {
         let (Some(detector), Some(labels)) = (&self.detector, &self.labels) else {

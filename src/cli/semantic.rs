@@ -119,8 +119,12 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
         let outputs = args.out.open(&name)?;
         let made = outputs.path(PICTURES_RECORDING);
         args.pictures.convert(&args.recording, &made)?;
+        // Pictures became keyframes by how far the camera moved: none is left out for coming soon after another.
+        let config = SemanticConfig { interval: 0.0, ..config };
         return map_and_write::<Space>(args, &name, config, &recordings::read3(&made)?, outputs);
     }
+    #[cfg(feature = "images")]
+    args.pictures.refuse(&args.recording)?;
     match recordings::read_kind(&args.recording)? {
         DetectionKind::Stereo => {
             let recording = recordings::read3(&args.recording)?;

@@ -279,3 +279,47 @@ fn without_doubles(mut found: Vec<ObjectBox>) -> Vec<ObjectBox> {
     }
     kept
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(class: usize, score: f64, edges: [f64; 4]) -> ObjectBox {
+        ObjectBox { class, score, edges }
+    }
+
+    /// SSD with MobileNet has 1917 anchors at 300 pixels: 19² · 3 + (10² + 5² + 3² + 2² + 1) · 6. The first layer's first is a
+    /// tenth of the picture in its first cell.
+    #[test]
+    fn anchors_are_those_of_ssd() {
+        let anchors = anchors(300);
+        assert_eq!(anchors.len(), 1917);
+        assert_eq!(anchors[0], Anchor { centre: [0.5 / 19.0; 2], size: [0.1; 2] });
+        let last = anchors[1916];
+        assert!(last.centre == [0.5; 2] && (last.size[0] - 0.95_f64.sqrt()).abs() < 1e-12, "{last:?}");
+        // Half its size to the right and down, twice as wide, as high.
+        let moved = anchors[0].decode([5.0, 5.0, 0.0, 5.0 * 2.0_f64.ln()]);
+        let wanted = [0.5 / 19.0 - 0.05, 0.5 / 19.0, 0.5 / 19.0 + 0.15, 0.5 / 19.0 + 0.1];
+        assert!(moved.iter().zip(wanted).all(|(edge, wanted)| (edge - wanted).abs() < 1e-12), "{moved:?}");
+    }
+
+    #[test]
+    fn squares_cover_the_picture_and_share_halves() {
+        for (width, height) in [(1226, 370), (640, 480), (300, 300), (480, 1000)] {
+            let (side, squares) = (width.min(height), squares(width, height));
+            assert_eq!(squares[0], [0, 0]);
+            assert_eq!(squares.last().copied(), Some([width - side, height - side]));
+            let is_near = |pair: &[[u32; 2]]| (0..2).all(|axis| 2 * (pair[1][axis] - pair[0][axis]) <= side);
+            assert!(squares.windows(2).all(is_near), "{squares:?}");
+        }
+    }
+
+    #[test]
+    fn an_object_is_seen_once() {
+        let (car, bus) = (seen(1, 0.6, [0.0, 0.0, 10.0, 10.0]), seen(2, 0.9, [1.0, 0.0, 11.0, 10.0]));
+        let beside = seen(1, 0.5, [8.0, 0.0, 18.0, 10.0]);
+        assert!((car.overlap(&bus) - 90.0 / 110.0).abs() < 1e-12);
+        assert_eq!(without_doubles(vec![car, beside, bus]), [bus, beside]);
+        assert!(car.is_cut(100, 50) && !seen(1, 0.6, [5.0, 5.0, 60.0, 40.0]).is_cut(100, 50));
+    }
+}

@@ -86,7 +86,7 @@ fn draw(pairs: &[Pair], seed: u64, step: u32, trial: u32) -> Option<[Pair; 5]> {
     let words = [0, 1].map(|half| bits(seed, step, 2 * trial + half, Draw::Picture));
     let mut places = Vec::with_capacity(5);
     for word in words.into_iter().flatten() {
-        let place = (u64::from(word) * pairs.len() as u64 >> 32) as usize;
+        let place = ((u64::from(word) * pairs.len() as u64) >> 32) as usize;
         if !places.contains(&place) {
             places.push(place);
         }

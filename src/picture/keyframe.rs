@@ -23,7 +23,8 @@ pub fn keyframe_picture(picture: &RgbImage, shown: &Shown, labels: &[String]) ->
     let (width, height) = picture.dimensions();
     let letters = LETTERS * f64::from(height);
     let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\">\n\
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+         font-family=\"Ubuntu, Helvetica, Arial, sans-serif\">\n\
          <image width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{data}\"/>\n"
     );
     // The first pixel's middle is (0.5, 0.5) on the page.
