@@ -33,18 +33,18 @@ fn picture(number: usize) -> RgbImage {
 }
 
 /// The share of tracks that lie within two pixels of their level from the epipolar line of a motion.
-fn share_on_lines(before: &Keyframe, now: &Keyframe, motion: Pose3) -> (usize, f64) {
+fn share_on_lines(before: &Keyframe, now: &Keyframe, motion: Pose3) -> (u32, f64) {
     let places: BTreeMap<u64, _> = before.features.iter().map(|feature| (feature.track, feature.pixel)).collect();
-    let (mut count, mut right) = (0, 0);
+    let (mut count, mut right) = (0_u32, 0_u32);
     for (feature, scale) in now.features.iter().zip(&now.scales) {
         let Some(place) = places.get(&feature.track) else { continue };
         let along = motion.rotation * CAMERA.ray(feature.pixel).coords;
         let line = motion.position.coords.cross(&along);
         let off = CAMERA.ray(*place).coords.dot(&line) / line.xy().norm() * CAMERA.focal[0];
         count += 1;
-        right += usize::from(off.abs() < 2.0 * scale);
+        right += u32::from(off.abs() < 2.0 * scale);
     }
-    (count, right as f64 / f64::from(count.max(1)))
+    (count, f64::from(right) / f64::from(count.max(1)))
 }
 
 /// The first 1.3 s of KITTI 06: tracks lie on the epipolar lines of the true poses, and the way that they tell is right.
