@@ -54,6 +54,7 @@
 //! | [`report`] | events, step reports, results; estimators and observers | |
 //! | [`semantic`] | semantic SLAM by expectation maximisation (Bowman et al., ICRA 2017) | |
 //! | [`visual_inertial`] | the way of a camera with an inertial sensor | |
+//! | `images` | features, tracks and objects in pictures, with the feature of that name | |
 //! | [`smoothing`] | all scans and the finished map, fitted to each other | |
 //! | [`loops`] | loops found in the older map and closed by a pose graph | |
 //! | [`slam`] | one step after the other | Table I |
@@ -105,6 +106,8 @@ pub mod filter;
 pub mod geometry;
 pub mod gpu;
 pub mod grid;
+#[cfg(feature = "images")]
+pub mod images;
 pub mod inertial;
 pub mod io;
 pub mod likelihood;

@@ -35,6 +35,8 @@ pub enum Draw {
     Stray = 10,
     /// When something happens to a log, and who walks along.
     Event = 11,
+    /// Which features of a picture are compared, and which pairs are tried.
+    Picture = 12,
 }
 
 /// Four independent words of 32 random bits.

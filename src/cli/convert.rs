@@ -5,6 +5,8 @@ use super::dataset::{DatasetArgs, convert_imu_tracks};
 use super::interrupt;
 use super::log::{is_standard_input, open_standard_input};
 use super::say::say;
+#[cfg(feature = "images")]
+use super::{dataset::ensure_new, pictures::PicturesArgs};
 use anyhow::{anyhow, bail};
 use flate2::{Compression, write::GzEncoder};
 use ipslam::clustering::ClusteringConfig;
@@ -13,6 +15,8 @@ use ipslam::io::carmen::CarmenWriter;
 use ipslam::io::datasets::imu_tracks;
 use ipslam::io::map_server::ReadGrid;
 use ipslam::io::mcap::Topics;
+#[cfg(feature = "images")]
+use ipslam::io::pictures;
 use ipslam::io::trajectory::{self, TrajectoryFormat};
 use ipslam::io::{datasets, geojson, map_json, map_server, open_log, write_whole};
 use ipslam::map::{LineMap, clusters_of_grid};
@@ -31,7 +35,8 @@ const POSSIBLE: &str = "Formats, by the endings of the names:
 Folders, by the files in them, become recordings of detections (a new folder):
   MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition, Starry Night (--rows),
   KITTI tracking, KITTI odometry with simulated cars (--robot 5 or 6);
-or of a camera with an inertial sensor: imu_tracks.csv of GTSAM (EuRoC)";
+or of a camera with an inertial sensor: imu_tracks.csv of GTSAM (EuRoC);
+or, with --detector, of pictures (pictures.toml; a build with the feature images)";
 
 /// Writes a log, a map or a trajectory in another format, or a published set of detections as a recording.
 #[derive(Debug, clap::Args)]
@@ -43,6 +48,9 @@ pub struct ConvertArgs {
     output: PathBuf,
     #[command(flatten)]
     dataset: DatasetArgs,
+    #[cfg(feature = "images")]
+    #[command(flatten)]
+    pictures: PicturesArgs,
 }
 
 /// What an ending stands for.
@@ -90,8 +98,15 @@ enum Map {
 
 /// Reads the one and writes the other.
 pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
-    let ConvertArgs { input, output, dataset } = args;
+    let ConvertArgs { input, output, dataset, .. } = args;
     interrupt::watch()?;
+    #[cfg(feature = "images")]
+    if pictures::is_in(input) {
+        ensure_new(output)?;
+        return args.pictures.convert(input, output);
+    }
+    #[cfg(feature = "images")]
+    args.pictures.refuse(input)?;
     if let Some(set) = datasets::recognise(input) {
         return dataset.convert(set, input, output);
     }

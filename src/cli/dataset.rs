@@ -86,7 +86,7 @@ pub fn convert_imu_tracks(input: &Path, output: &Path) -> anyhow::Result<()> {
 }
 
 /// Files of another recording would be taken for the truth about this one.
-fn ensure_new(output: &Path) -> anyhow::Result<()> {
+pub fn ensure_new(output: &Path) -> anyhow::Result<()> {
     let is_new =
         !output.exists() || (output.is_dir() && output.read_dir().is_ok_and(|mut files| files.next().is_none()));
     ensure!(is_new, "{}: a recording needs a new folder: name one that does not exist or is empty", output.display());

@@ -27,6 +27,8 @@ mod live;
 mod localize;
 mod log;
 mod output;
+#[cfg(feature = "images")]
+mod pictures;
 mod progress;
 mod recording;
 mod replay;

@@ -2,6 +2,8 @@
 
 use super::UsageError;
 use super::output::{OutArgs, Outputs};
+#[cfg(feature = "images")]
+use super::pictures::PicturesArgs;
 use super::progress::{Bar, PERMILLE};
 use super::recording::check_target;
 use super::say::{print_line, say};
@@ -11,6 +13,8 @@ use clap::ValueEnum;
 use ipslam::association::Policy;
 use ipslam::detections::{DetectionKind, Recording, Recording3};
 use ipslam::geometry::{StampedPose, StampedPose3};
+#[cfg(feature = "images")]
+use ipslam::io::pictures;
 use ipslam::io::semantic::{self as recordings, ReadRecording, results, truth};
 use ipslam::io::{WriteError, tum};
 use ipslam::log::LogError;
@@ -33,7 +37,8 @@ use std::time::Instant;
 /// detections, the way of a camera with an inertial sensor.
 #[derive(Debug, clap::Args)]
 pub struct SemanticArgs {
-    /// Folder of the recording: sensors.toml, odometry.csv, detections.csv; or sensors.toml, imu.csv, tracks.csv
+    /// Folder of the recording: sensors.toml, odometry.csv, detections.csv; sensors.toml, imu.csv, tracks.csv; or sensors.toml,
+    /// pictures.toml
     recording: PathBuf,
     #[command(flatten)]
     out: OutArgs,
@@ -52,7 +57,14 @@ pub struct SemanticArgs {
     /// Record how the map came about to this file, for the Rerun viewer and for `ipslam replay`
     #[arg(long, value_name = "FILE.rrd")]
     record: Option<PathBuf>,
+    #[cfg(feature = "images")]
+    #[command(flatten)]
+    pictures: PicturesArgs,
 }
+
+/// Of the outputs, what was made of pictures.
+#[cfg(feature = "images")]
+const PICTURES_RECORDING: &str = "recording";
 
 /// How detections are given to landmarks.
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
@@ -101,9 +113,27 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     if let Some(path) = &args.record {
         check_target(path, &args.recording)?;
     }
+    #[cfg(feature = "images")]
+    if pictures::is_in(&args.recording) {
+        ensure!(args.record.is_none(), UsageError("--record: pictures cannot be recorded yet".to_owned()));
+        let outputs = args.out.open(&name)?;
+        let made = outputs.path(PICTURES_RECORDING);
+        args.pictures.convert(&args.recording, &made)?;
+        // Pictures became keyframes by how far the camera moved: none is left out for coming soon after another.
+        let config = SemanticConfig { interval: 0.0, ..config };
+        return map_and_write::<Space>(args, &name, config, &recordings::read3(&made)?, outputs);
+    }
+    #[cfg(feature = "images")]
+    args.pictures.refuse(&args.recording)?;
     match recordings::read_kind(&args.recording)? {
-        DetectionKind::Stereo => map_and_write::<Space>(args, &name, config, &recordings::read3(&args.recording)?),
-        _ => map_and_write::<Plane>(args, &name, config, &recordings::read(&args.recording)?),
+        DetectionKind::Stereo => {
+            let recording = recordings::read3(&args.recording)?;
+            map_and_write::<Space>(args, &name, config, &recording, args.out.open(&name)?)
+        }
+        _ => {
+            let recording = recordings::read(&args.recording)?;
+            map_and_write::<Plane>(args, &name, config, &recording, args.out.open(&name)?)
+        }
     }
 }
 
@@ -112,9 +142,9 @@ fn map_and_write<W: Output>(
     name: &str,
     config: SemanticConfig,
     ReadRecording { recording, warnings }: &ReadRecording<W::Recording>,
+    mut outputs: Outputs,
 ) -> anyhow::Result<Vec<anyhow::Error>> {
     warnings.iter().for_each(|warning| say!("{warning}"));
-    let mut outputs = args.out.open(name)?;
     let ids = args.known_ids.as_deref().map(|path| W::read_ids(path, recording)).transpose()?;
     let task = Task::<W> { name, recording, objects: ids.as_deref(), config };
     let (found, seconds) = task.map().with_context(|| args.recording.display().to_string())?;

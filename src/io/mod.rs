@@ -13,6 +13,8 @@ pub mod map_json;
 pub mod map_server;
 pub mod mcap;
 mod open;
+#[cfg(feature = "images")]
+pub mod pictures;
 pub mod poses;
 pub mod relations;
 pub mod semantic;

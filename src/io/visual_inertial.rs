@@ -148,7 +148,7 @@ pub fn write(folder: &Path, recording: &Recording) -> Result<(), WriteError> {
             writeln!(file, "{stamp},{},{},{},{},{},{}", rate.x, rate.y, rate.z, force.x, force.y, force.z)
         })
     })?;
-    write_whole(&folder.join(TRACKS), |file| write_tracks(&recording.frames, file))?;
+    write_tracks(folder, &recording.frames)?;
     let Camera { pinhole: Pinhole { focal, centre }, body_from_camera: Pose3 { position, rotation }, noise } =
         recording.camera;
     let quaternion = rotation.coords.into();
@@ -161,7 +161,15 @@ pub fn write(folder: &Path, recording: &Recording) -> Result<(), WriteError> {
     })
 }
 
-fn write_tracks(frames: &[FeatureFrame], mut out: impl Write) -> std::io::Result<()> {
+/// Writes `tracks.csv` into a folder.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_tracks(folder: &Path, frames: &[FeatureFrame]) -> Result<(), WriteError> {
+    write_whole(&folder.join(TRACKS), |file| write_frames(frames, file))
+}
+
+fn write_frames(frames: &[FeatureFrame], mut out: impl Write) -> std::io::Result<()> {
     writeln!(out, "t,track,u,v")?;
     for FeatureFrame { stamp, features } in frames {
         if features.is_empty() {

@@ -10,6 +10,8 @@
 
 mod figures;
 mod files;
+#[cfg(feature = "images")]
+mod keyframe;
 mod objects;
 mod png;
 mod raster;
@@ -19,6 +21,8 @@ mod svg;
 
 pub use figures::Figures;
 pub use files::Files;
+#[cfg(feature = "images")]
+pub use keyframe::keyframe_picture;
 pub use objects::{class_colour, object_map};
 pub use png::{PictureError, svg_to_png};
 pub use raster::PointRaster;

@@ -18,6 +18,8 @@ mod evaluator;
 mod factor_graph;
 mod failover;
 mod grid;
+#[cfg(feature = "images")]
+mod images;
 mod localization;
 mod loops;
 mod matching;

@@ -3,6 +3,8 @@
 
 #![allow(clippy::expect_used, clippy::unwrap_used, clippy::panic, reason = "a test's helpers may fail as a test does")]
 
+#[cfg(feature = "images")]
+mod images;
 mod localization;
 mod metrics;
 #[path = "../common/needs.rs"]
@@ -16,6 +18,8 @@ mod visual_inertial;
 
 fn main() {
     let trials = [
+        #[cfg(feature = "images")]
+        images::trials(),
         localization::trials(),
         metrics::trials(),
         pipeline::trials(),

@@ -108,7 +108,7 @@ pub(super) fn read(path: &Path) -> Result<Sensors, LogError> {
 }
 
 /// The same for a robot of space.
-pub(super) fn read3(path: &Path) -> Result<Sensors3, LogError> {
+pub(in crate::io) fn read3(path: &Path) -> Result<Sensors3, LogError> {
     read_as(path, |text| parse(text, resolve3))
 }
 
