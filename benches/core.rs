@@ -10,7 +10,7 @@ use ipslam::config::SlamConfig;
 use ipslam::evaluator::cpu::CpuEvaluator;
 use ipslam::log::{LogEntry, LogSource};
 use ipslam::map::MapCluster;
-use ipslam::map::merging::merge_scan;
+use ipslam::map::merging::{counts, merge_scan};
 use ipslam::ppca::Cluster;
 use ipslam::report::{Estimator as _, Event};
 use ipslam::scan::{Scan, ScanConfig};
@@ -61,13 +61,14 @@ fn clustering(criterion: &mut Criterion) {
 fn merging(criterion: &mut Criterion) {
     let SlamConfig { clustering, matching, merging, ablation, .. } = SlamConfig::default();
     let scan_clusters = cluster_scan(&scan(), &clustering).clusters;
+    let points = counts(&scan_clusters);
     // The scan's own clusters are among those of the map, so that there is something to match.
     let map = scan_clusters.iter().copied().chain(walls(300)).take(300);
     let near: Vec<_> = (0..).zip(map.map(|cluster| MapCluster { cluster, last_step: 0, sightings: 9 })).collect();
     assert_eq!(near.len(), 300);
     println!("match and merge: {} scan clusters, {} map clusters", scan_clusters.len(), near.len());
     criterion.bench_function("match and merge a scan", |b| {
-        b.iter(|| merge_scan(black_box(&near), &scan_clusters, 1, &matching, &merging, &ablation));
+        b.iter(|| merge_scan(black_box(&near), &scan_clusters, &points, 1, &matching, &merging, &ablation));
     });
 }
 

@@ -9,7 +9,7 @@
 //!
 //! World's frame: the robot's pose at the first scan is the origin.
 
-use crate::clustering::cluster_scan;
+use crate::clustering::{Clustering, cluster_scan};
 use crate::evaluator::cholesky::{Cholesky, packed, unpacked};
 use crate::evaluator::failover::Failover;
 use crate::evaluator::pose::LocalPose;
@@ -24,7 +24,7 @@ use crate::geometry::Pose;
 use crate::gpu::DeviceError;
 use crate::log::{LaserReading, LogEntry};
 use crate::loops::{Closed, Keyframe, Loops};
-use crate::map::merging::{MapChange, merge_scan};
+use crate::map::merging::{MapChange, merge_scan, new_points};
 use crate::map::seen_through::share_behind;
 use crate::map::{LineMap, Map, MapCluster, Pool, Slot};
 use crate::motion::Motion;
@@ -232,7 +232,7 @@ impl Slam {
     fn step(&mut self, scan: &Scan, tiles: &[Tile], odom_from_robot: Pose, observe: &mut dyn FnMut(&Event<'_>)) {
         let mut times = std::mem::take(&mut self.times);
         // 6c-i. The same for all particles, whatever their poses.
-        let clusters = timed(&mut times.cluster, || cluster_scan(scan, &self.config.clustering).clusters);
+        let clustering = timed(&mut times.cluster, || cluster_scan(scan, &self.config.clustering));
         let seen = self.observe(scan);
         // 6a
         let mut particles = timed(&mut times.propagate, || self.propagate(tiles));
@@ -240,7 +240,7 @@ impl Slam {
         if self.config.ablation.weigh_merged_map {
             // 6c-ii to v, for every particle
             self.move_maps(&particles);
-            timed(&mut times.merge, || self.merge(&clusters));
+            timed(&mut times.merge, || self.merge(scan, &clustering));
         }
         // 6c-vi. Scan matching has evaluated eq. 18 already, but not in a map that the scan was merged into since.
         if self.config.ablation.weigh_merged_map || particles.iter().any(|p| p.log_likelihood.is_none()) {
@@ -254,7 +254,7 @@ impl Slam {
         self.covariances.push(self.covariance(&particles, &weights));
         if !self.config.ablation.weigh_merged_map {
             // 6c-ii to v, for the survivors alone
-            timed(&mut times.merge, || self.merge(&clusters));
+            timed(&mut times.merge, || self.merge(scan, &clustering));
         }
         timed(&mut times.merge, || self.update_landmarks(seen.as_ref()));
 
@@ -268,7 +268,7 @@ impl Slam {
             step: self.steps,
             stamp: scan.stamp,
             scan,
-            scan_clusters: &clusters,
+            scan_clusters: &clustering.clusters,
             odom_from_robot,
             world_from_robot: best.world_from_robot,
             particles: &reported,
@@ -283,7 +283,7 @@ impl Slam {
         self.loops.add(Keyframe {
             stamp: scan.stamp,
             tiles: tiles.to_vec(),
-            clusters,
+            clusters: clustering.clusters,
             by_odometry: self.tracker.by_odometry(),
             tracked: self.tracker.tracked(),
         });
@@ -577,16 +577,18 @@ impl Slam {
     }
 
     /// Table I, 6c-ii to v: merges the scan's clusters, given in the robot's frame, into every map.
-    fn merge(&mut self, clusters: &[Cluster]) {
-        let SlamConfig { matching, merging, ablation, filter, .. } = &self.config;
-        let reach = matching.reach(clusters);
+    fn merge(&mut self, scan: &Scan, clustering: &Clustering) {
+        let SlamConfig { matching, merging, ablation, filter, likelihood, .. } = &self.config;
+        let reach = matching.reach(&clustering.clusters);
         let change = |hypothesis: &Hypothesis| {
             let pose = hypothesis.world_from_robot;
             let local = LocalPose::new(pose, self.table.anchor());
             let slots = self.table.near(&hypothesis.map.slots, local.x, local.y, reach as f32);
             let near: Vec<(Slot, MapCluster)> = slots.into_iter().map(|slot| (slot, *self.pool.get(slot))).collect();
-            let clusters_in_world: Vec<Cluster> = clusters.iter().map(|cluster| cluster.transformed(pose)).collect();
-            merge_scan(&near, &clusters_in_world, self.steps, matching, merging, ablation)
+            let new_points = new_points(&near, &scan.points, clustering, pose, likelihood.sigma_floor, merging);
+            let clusters_in_world: Vec<Cluster> =
+                clustering.clusters.iter().map(|cluster| cluster.transformed(pose)).collect();
+            merge_scan(&near, &clusters_in_world, &new_points, self.steps, matching, merging, ablation)
         };
         let changes: Vec<MapChange> = self.hypotheses.par_iter().map(change).collect();
         let without = |(hypothesis, change): (&mut Hypothesis, &MapChange)| {

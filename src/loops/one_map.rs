@@ -4,7 +4,7 @@ use super::Closer;
 use crate::evaluator::pose::LocalPose;
 use crate::evaluator::table::ClusterTable;
 use crate::geometry::Pose;
-use crate::map::merging::merge_scan;
+use crate::map::merging::{counts, merge_scan};
 use crate::map::{Map, MapCluster, Pool, Slot};
 use crate::ppca::Cluster;
 
@@ -33,7 +33,7 @@ impl OneMap {
         let near: Vec<(Slot, MapCluster)> =
             self.near(world_from_robot, reach as f32).into_iter().map(|slot| (slot, *self.pool.get(slot))).collect();
         let clusters: Vec<Cluster> = clusters.iter().map(|cluster| cluster.transformed(world_from_robot)).collect();
-        let change = merge_scan(&near, &clusters, step, matching, merging, ablation);
+        let change = merge_scan(&near, &clusters, &counts(&clusters), step, matching, merging, ablation);
         self.map.slots.retain(|slot| !change.removed.contains(slot));
         self.map.slots.extend(change.added.into_iter().map(|entry| self.pool.insert(entry)));
         self.pool.keep_only([&self.map]);

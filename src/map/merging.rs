@@ -3,16 +3,23 @@
 use super::matching::{Circle, MatchingConfig, line_distance, match_clusters};
 use super::{MapCluster, Slot};
 use crate::ablation::{AblationConfig, MergingMethod};
+use crate::clustering::Clustering;
+use crate::geometry::Pose;
 use crate::parameters::parameters;
 use crate::ppca::{Cluster, Moments};
+use nalgebra::Point2;
 
 parameters! {
     /// How a scan is merged into a map.
     pub struct MergingConfig {
-        /// An unmatched cluster becomes part of the map only with at least this many points (III-E).
+        /// An unmatched cluster becomes part of the map only with at least this many points (III-E), of those that `new_density`
+        /// counts.
         min_points: f64 = 3.0, in 0.0..=f64::INFINITY;
         /// An unmatched cluster becomes part of the map only with at most this standard deviation across \[m\] (III-E).
         max_across: f64 = 0.03, in 0.0..=f64::INFINITY;
+        /// For an unmatched cluster only points count to which no cluster of the map gives this density \[1/m²\]: what the map
+        /// explains is no new observation (Table I, 6c-v; 0.01 in section V). Infinite: all points count.
+        new_density: f64 = f64::INFINITY, in 0.0..=f64::INFINITY;
         /// Nats, before tempering, that a map's log-weight loses with each cluster that it grows by: of two maps that explain
         /// the scans as well, the one that needs fewer walls is likelier. Where a loop closes, that is the one that
         /// recognised them.
@@ -65,10 +72,44 @@ fn incremental(old: &Cluster, new: &Cluster, union: &Moments) -> Cluster {
     }
 }
 
-/// Merges a scan's clusters, given in the world's frame, into the clusters of a map that lie near them (III-D, III-E).
+/// How many points of each cluster of a scan no cluster of a map explains: the new observations of Table I, 6c-v. The scan is in the
+/// robot's frame. No standard deviation of the map is taken to be less than `sigma_floor` \[m\].
+pub fn new_points(
+    near: &[(Slot, MapCluster)],
+    points: &[Point2<f64>],
+    clustering: &Clustering,
+    world_from_robot: Pose,
+    sigma_floor: f64,
+    config: &MergingConfig,
+) -> Vec<f64> {
+    if config.new_density.is_infinite() {
+        return counts(&clustering.clusters);
+    }
+    let map: Vec<Cluster> =
+        near.iter().map(|(_, entry)| entry.cluster.with_variance_floor(sigma_floor * sigma_floor)).collect();
+    let mut counts = vec![0.0; clustering.clusters.len()];
+    for (&point, cluster) in points.iter().zip(&clustering.assignment) {
+        let point = world_from_robot * point;
+        if let Some(cluster) = cluster
+            && map.iter().all(|wall| wall.log_density(point) < config.new_density.ln())
+        {
+            counts[*cluster] += 1.0;
+        }
+    }
+    counts
+}
+
+/// How many points each cluster stands for.
+pub fn counts(clusters: &[Cluster]) -> Vec<f64> {
+    clusters.iter().map(|cluster| cluster.count).collect()
+}
+
+/// Merges a scan's clusters, given in the world's frame, into the clusters of a map that lie near them (III-D, III-E). Of each,
+/// `new_points` support it as a cluster of its own.
 pub fn merge_scan(
     near: &[(Slot, MapCluster)],
     scan: &[Cluster],
+    new_points: &[f64],
     step: u32,
     matching: &MatchingConfig,
     config: &MergingConfig,
@@ -78,7 +119,7 @@ pub fn merge_scan(
     let matches = match_clusters(&map, scan, matching, ablation.matching);
     let mut entries: Vec<Entry> =
         near.iter().map(|&(slot, entry)| Entry { slot: Some(slot), entry, state: State::Kept }).collect();
-    for (cluster, matched) in scan.iter().zip(matches) {
+    for ((cluster, &new_points), matched) in scan.iter().zip(new_points).zip(matches) {
         let merged = matched.map(|index| (index, merge(&entries[index].entry.cluster, cluster, ablation.merging)));
         if let Some((index, merged)) = merged
             && (!ablation.consolidate || merged.across_variance <= config.max_across.powi(2))
@@ -88,7 +129,7 @@ pub fn merge_scan(
             entry.entry.sightings += u32::from(entry.entry.last_step != step);
             entry.entry.last_step = step;
             entry.state = State::Changed;
-        } else if cluster.count >= config.min_points && cluster.across_variance <= config.max_across.powi(2) {
+        } else if new_points >= config.min_points && cluster.across_variance <= config.max_across.powi(2) {
             let entry = MapCluster { cluster: *cluster, last_step: step, sightings: 1 };
             entries.push(Entry { slot: None, entry, state: State::Changed });
         }

@@ -89,29 +89,42 @@ const MAX_PARTICLES: usize = 10_000_000;
 const MAX_MAPS: usize = 100_000;
 
 impl SlamConfig {
-    /// Table I to the letter, with the paper's numbers where it gives any.
+    /// Table I to the letter, with the paper's numbers where it gives any. Which readings of its text give its results:
+    /// docs/paper.md.
     pub fn paper() -> Self {
         Self {
             particles: 201,
             maps: 201,
             clustering: ClusteringConfig {
-                min_points: 10,
+                min_points: 5,
                 max_across: f64::INFINITY,
                 max_gap: f64::INFINITY,
                 ..ClusteringConfig::default()
             },
-            tracking: TrackingConfig { step_distance: 0.0, step_turn: 0.0, starts: 0, ..TrackingConfig::default() },
+            motion: MotionConfig {
+                heading_per_distance: 0.07,
+                heading_per_turn: 0.1,
+                heading_floor: 0.02,
+                ..MotionConfig::default()
+            },
+            tracking: TrackingConfig {
+                step_distance: 1.0,
+                step_turn: f64::INFINITY,
+                starts: 0,
+                ..TrackingConfig::default()
+            },
             proposal: ProposalConfig { iterations: 0, capture_sigma: 0.05, spread: 1.0 },
             likelihood: LikelihoodConfig {
                 sigma_floor: 0.05,
                 end_sigma: 0.05,
-                outlier_density: 1e-8,
+                outlier_density: 0.01,
                 max_points: u32::MAX as usize,
             },
-            matching: MatchingConfig { max_angle: 60f64.to_radians(), max_distance: 0.5, max_gap: 0.0 },
+            matching: MatchingConfig { max_angle: 60f64.to_radians(), max_distance: 0.2, max_gap: 0.0 },
             merging: MergingConfig {
-                min_points: 20.0,
-                max_across: 0.15,
+                min_points: 10.0,
+                max_across: 0.05,
+                new_density: 0.01,
                 cluster_cost: 0.0,
                 min_sightings: 0,
                 clutter_age: 0,
@@ -124,7 +137,7 @@ impl SlamConfig {
                 matching: MatchingRule::Paper,
                 merging: MergingMethod::Incremental,
                 consolidate: false,
-                weigh_merged_map: true,
+                weigh_merged_map: false,
             },
             ..Self::default()
         }

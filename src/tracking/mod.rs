@@ -25,7 +25,8 @@ parameters! {
         step_distance: f64 = 0.3, in 0.0..=f64::INFINITY;
         /// A step is taken once the robot has turned this far \[rad\] or moved by `step_distance`.
         step_turn: f64 = 0.2, in 0.0..=f64::INFINITY;
-        /// Starts of scan matching at each scan, drawn from the motion model; 0 uses odometry alone, as in the paper.
+        /// Starts of scan matching at each scan, drawn from the motion model; 0 uses odometry alone and at its word, as in the
+        /// paper.
         starts: u32 = 24, in 0.0..=1e6;
         /// Odometry that moves faster is refused \[m/s\]: no robot with a planar laser drives as fast indoors.
         max_speed: f64 = 5.0, in 1e-3..=f64::INFINITY;
@@ -164,6 +165,10 @@ impl Tracker {
 
     /// Odometry has not changed for `unchanged` \[s\], `elapsed` of them since the last reading.
     fn stand(&mut self, unchanged: f64, elapsed: f64) {
+        if self.tracking.starts == 0 {
+            // No scan would find what odometry missed, and noise of a metre is more than particles from odometry alone can fill.
+            return;
+        }
         let Some(period) = self.period else {
             // It never changed: nothing measures the motion.
             return self.travel(Travel::unmeasured(Pose::IDENTITY, elapsed));

@@ -185,7 +185,7 @@ fn the_papers_filter_runs_to_the_end() {
         });
     }
     let result = slam.result();
-    assert_eq!(steps, simulation.sweeps(), "a step every scan");
+    assert!((3..15).contains(&steps), "a step each metre: {steps}");
     assert!(result.trajectory().iter().all(|stamped| stamped.pose.is_finite()) && !result.map.clusters.is_empty());
 }
 

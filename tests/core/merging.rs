@@ -2,10 +2,12 @@
 
 use crate::{normals, wall};
 use ipslam::ablation::{AblationConfig, MergingMethod};
+use ipslam::clustering::Clustering;
 use ipslam::config::SlamConfig;
+use ipslam::geometry::Pose;
 use ipslam::map::MapCluster;
 use ipslam::map::matching::MatchingConfig;
-use ipslam::map::merging::{MergingConfig, consolidated, merge, merge_scan};
+use ipslam::map::merging::{MergingConfig, consolidated, merge, merge_scan, new_points};
 use ipslam::ppca::Cluster;
 use nalgebra::{Point2, Vector2};
 use proptest::prelude::*;
@@ -113,12 +115,34 @@ fn only_well_supported_thin_clusters_are_added() {
             (with(0.9 * merging.max_across, merging.min_points - 1.0), false),
             (with(1.1 * merging.max_across, merging.min_points), false),
         ] {
-            let change = merge_scan(&[], &[cluster], 7, &matching, &merging, &ablation);
+            let change = merge_scan(&[], &[cluster], &[cluster.count], 7, &matching, &merging, &ablation);
             let expected = MapCluster { cluster, last_step: 7, sightings: 1 };
             assert_eq!(change.added, if added { vec![expected] } else { vec![] }, "{merging:?}");
             assert!(change.removed.is_empty());
         }
     }
+}
+
+/// A wall along the y axis, 2 m ahead of a robot that faces it, of which the map has the lower half: the upper half is new.
+#[test]
+fn points_that_the_map_explains_are_not_new() {
+    let points: Vec<Point2<f64>> = (0..40).map(|i| Point2::new(2.0, 0.1 * f64::from(i) - 1.95)).collect();
+    let world_from_robot = Pose::new(3.0, -1.0, std::f64::consts::FRAC_PI_2);
+    let cluster = Cluster::fit(points.iter().copied()).unwrap();
+    let assignment = (0..40).map(|i| (i != 39).then_some(0)).collect();
+    let clustering = Clustering { clusters: vec![cluster], assignment };
+    // Seen from the robot, y is to the left: of the world that is -x.
+    let half = wall([3.0, 1.0], [5.0, 1.0], 0.01, 20.0);
+    let near = [(0, MapCluster { cluster: half, last_step: 0, sightings: 1 })];
+    let count = |new_density: f64, pose: Pose| {
+        let config = MergingConfig { new_density, ..MergingConfig::default() };
+        new_points(&near, &points, &clustering, pose, 0.01, &config)[0]
+    };
+    assert_eq!(count(f64::INFINITY, world_from_robot), 40.0, "all count");
+    // By eq. 9, written out apart: the half, a Gaussian of variance 4/12 m² along, explains all but six of the 39.
+    assert_eq!(count(0.01, world_from_robot), 6.0);
+    assert_eq!(count(0.01, Pose::new(3.0, -2.0, world_from_robot.heading)), 39.0, "another wall");
+    assert_eq!(count(0.0, world_from_robot), 0.0, "nothing is less likely");
 }
 
 #[test]
@@ -128,7 +152,8 @@ fn a_match_replaces_the_old_cluster_and_leaves_others_alone() {
         let other = wall([0.0, 5.0], [2.0, 5.0], 0.01, 50.0);
         let entry = |cluster| MapCluster { cluster, last_step: 6, sightings: 4 };
         let new = wall([0.5, 0.01], [2.5, 0.01], 0.01, 40.0);
-        let change = merge_scan(&[(3, entry(old)), (8, entry(other))], &[new], 7, &matching, &merging, &ablation);
+        let near = [(3, entry(old)), (8, entry(other))];
+        let change = merge_scan(&near, &[new], &[new.count], 7, &matching, &merging, &ablation);
         assert_eq!(change.removed, [3]);
         let cluster = merge(&old, &new, ablation.merging);
         assert_eq!(change.added, [MapCluster { cluster, last_step: 7, sightings: 5 }]);
@@ -167,7 +192,7 @@ fn a_scan_joins_two_halves_of_the_map() {
     let near: Vec<_> =
         (0..).zip(halves).map(|(slot, cluster)| (slot, MapCluster { cluster, last_step: 5, sightings: 4 })).collect();
     let between = wall([1.8, 0.0], [3.2, 0.0], 0.01, 30.0);
-    let mut change = merge_scan(&near, &[between], 6, &matching, &merging, &ablation);
+    let mut change = merge_scan(&near, &[between], &[between.count], 6, &matching, &merging, &ablation);
     change.removed.sort_unstable();
     assert_eq!(change.removed, [0, 1]);
     let [joined] = change.added[..] else { panic!("{:?}", change.added) };
@@ -184,7 +209,7 @@ fn what_was_hardly_seen_is_dropped_with_age() {
         (merging.min_sightings, 11 + merging.clutter_age, false),
     ] {
         let entry = MapCluster { cluster, last_step: 10, sightings };
-        let change = merge_scan(&[(4, entry)], &[], step, &matching, &merging, &ablation);
+        let change = merge_scan(&[(4, entry)], &[], &[], step, &matching, &merging, &ablation);
         assert_eq!(change.removed, if dropped { vec![4] } else { vec![] }, "{sightings} sightings, step {step}");
         assert!(change.added.is_empty());
     }

@@ -69,8 +69,7 @@ fn intel_loops_close() {
     assert_eq!(result.trajectory().len(), 13_631 + 8_132, "a pose for every reading");
 }
 
-/// Table I to the letter keeps its track of the first minutes in most runs: with five effective particles, one of which
-/// may turn wrong, every run is another. The paper's own figures are of 33 clusters.
+/// Table I to the letter follows the first minute: with four effective particles every run is another (docs/paper.md).
 fn paper_preset_follows_csail() {
     const SEEDS: [u64; 5] = [1, 2, 3, 4, 5];
     let log = data("csail/mit-csail.clf.gz");
@@ -81,12 +80,12 @@ fn paper_preset_follows_csail() {
         for entry in CarmenLog::new(&log).open().unwrap().take(300) {
             slam.add(&entry.unwrap(), &mut |event| {
                 let Event::Step(report) = event else { return };
-                assert!(report.resampled, "the paper resamples every scan");
+                assert!(report.resampled, "the paper resamples at every step");
                 assert_eq!(report.particles.len(), 201);
                 steps += 1;
             });
         }
-        assert_eq!(steps, 300, "the paper takes a step every scan");
+        assert!((20..60).contains(&steps), "a step each metre: {steps}");
         let errors = relation_errors(&relations, &slam.result().trajectory()).all.unwrap();
         assert!(errors.translation.count > 50);
         errors.translation.mean

@@ -133,22 +133,17 @@ impl McapLog {
         Self::of(path, Origin::Files(files), topics)
     }
 
-<<<<<<< HEAD
+    /// The log in the bytes of a file; `path` names it.
+    pub(super) fn of_bytes(path: PathBuf, bytes: Arc<[u8]>, topics: &Topics) -> Result<Self, LogError> {
+        Self::of(path, Origin::Memory(bytes), topics)
+    }
+
     /// The log in MCAP that comes through a stream: its topics and transforms are those of the first five seconds of scans, which
     /// are waited for. `path` stands for it in errors.
     ///
     /// # Errors
     /// As for [`Self::new`].
     pub fn of_stream(path: PathBuf, stream: Stream, topics: &Topics) -> Result<Self, LogError> {
-=======
-    /// The log in the bytes of a file; `path` names it.
-    pub(super) fn of_bytes(path: PathBuf, bytes: Arc<[u8]>, topics: &Topics) -> Result<Self, LogError> {
-        Self::of(path, Origin::Memory(bytes), topics)
-    }
-
-    /// The log in MCAP that comes through a stream: its topics and transforms are those of its first seconds.
-    pub(super) fn of_stream(path: PathBuf, stream: Stream, topics: &Topics) -> Result<Self, LogError> {
->>>>>>> b17
         Self::of(path, Origin::Stream(stream), topics)
     }
 
@@ -167,17 +162,11 @@ impl McapLog {
 
 impl LogSource for McapLog {
     fn name(&self) -> String {
-<<<<<<< HEAD
         match &self.origin {
-            Origin::Files(_) => self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-            Origin::Stream(stream) => stream.name(),
-=======
-        match self.origin {
             Origin::Files(_) | Origin::Memory(_) => {
                 self.path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
             }
-            Origin::Stream(_) => stream::name(),
->>>>>>> b17
+            Origin::Stream(stream) => stream.name(),
         }
     }
 
