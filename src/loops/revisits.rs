@@ -83,16 +83,21 @@ fn rays(frame_from_robot: Pose, tiles: &[Tile]) -> Vec<[Point2<f64>; 2]> {
 }
 
 /// The steps of a path by where they are, in cells as wide as visits are apart at most.
-struct Places<'a> {
+pub(super) struct Places<'a> {
     path: &'a [Pose],
     steps: HashMap<[i64; 2], Vec<usize>>,
 }
 
 impl<'a> Places<'a> {
-    fn of(path: &'a [Pose]) -> Self {
+    pub fn of(path: &'a [Pose]) -> Self {
         let mut steps = HashMap::<[i64; 2], Vec<usize>>::new();
         path.iter().enumerate().for_each(|(step, pose)| steps.entry(cell(pose)).or_default().push(step));
         Self { path, steps }
+    }
+
+    /// Whether as many visits as a step is tied to, at least `apart` \[m\] of way before it, have shown the place of a step.
+    pub fn is_covered(&self, drive: &Drive, step: usize, apart: f64) -> bool {
+        self.nearest(drive, step, apart).len() == VISITS
     }
 
     /// The nearest step of each visit at least `apart` \[m\] of way before a step.
@@ -186,10 +191,8 @@ mod tests {
 
     fn added(drive: &mut Drive, scan: &[Point2<f64>], clusters: Vec<Cluster>, moved: Pose) {
         let motion = Motion { mean: moved, covariance: Matrix3::identity() * 1e-6 };
-        let before = drive.travelled.last().copied().unwrap_or(0.0);
-        drive.travelled.push(before + moved.x.hypot(moved.y));
         let tiles = tiles(scan, SlamConfig::default().likelihood.max_points);
-        drive.keyframes.push(Keyframe { stamp: 0.0, tiles, clusters, by_odometry: motion, tracked: motion });
+        drive.add(Keyframe { stamp: 0.0, tiles, clusters, by_odometry: motion, tracked: motion });
     }
 
     /// The drive through the simulated building, and the true path.
