@@ -1,12 +1,12 @@
 //! What is kept of a drive grows with the places that it sees and not with the time that it takes.
 //!
-//! A place that enough earlier visits have shown gains nothing by one more. The steps of such a visit are forgotten once the map has
-//! taken in their scans: each moves with the step of the earlier visit that it is tied to. Where the next visit to a new place
-//! begins, its first motion is from there too, so that the pose graph holds together.
+//! A place that enough earlier visits have shown gains nothing by one more. The steps of such a visit are forgotten once they are
+//! settled: each moves with the step of the earlier visit that its scan matches. Where the robot goes on to a new place, its first
+//! motion is from there too, so that the pose graph holds together.
 
 use super::bend::Tie;
-use super::revisits::Places;
-use super::{Closer, Drive};
+use super::revisits::{AROUND, Places, VISITS, tie};
+use super::{Closer, Drive, Keyframe};
 use crate::geometry::Pose;
 use crate::motion::Motion;
 
@@ -40,33 +40,40 @@ impl Thinned {
 }
 
 impl Drive {
-    /// Forgets the steps before `before` that visited places which enough earlier visits have shown: those tied to a step that stays
-    /// for good. `ties` are sorted by their newer step. Returns what is left, if something was forgotten.
-    pub fn forget_covered(&mut self, path: &[Pose], ties: &[Tie], before: usize, config: &Closer) -> Option<Thinned> {
+    /// Forgets the steps before `before` that visited places which enough earlier visits have shown: those that match one of them, and
+    /// those in between. Returns what is left, if something was forgotten.
+    pub fn forget_covered(&mut self, path: &[Pose], before: usize, config: &Closer) -> Option<Thinned> {
         let (places, asked) = (Places::of(path), self.asked);
         self.asked = before.max(asked);
-        // The tie to the nearest visit.
-        let tie_of = |step: usize| {
-            let of_step = ties[ties.partition_point(|tie| tie.newer < step)..].iter();
-            of_step.take_while(|tie| tie.newer == step).find(|tie| tie.older.is_some_and(|older| older < asked))
-        };
-        let covered = |step: usize| tie_of(step).filter(|_| places.is_covered(self, step, config.loops.window));
-        let covered: Vec<&Tie> = (asked..before).filter_map(covered).collect();
-        if covered.is_empty() {
-            return None;
-        }
-        let mut kept = vec![true; path.len()];
-        for &&Tie { newer, older, older_from_newer, covariance } in &covered {
-            let (step, older) = (newer, older.unwrap_or_default());
+        let (mut kept, mut last_tie) = (vec![true; path.len()], f64::NEG_INFINITY);
+        for step in asked.max(1)..before {
+            // Visits that stay for good.
+            let apart = (self.travelled[step] - self.travelled[asked]).max(config.loops.window);
+            let visits = places.nearest(self, step, apart);
+            if visits.len() < VISITS {
+                continue;
+            }
+            let tied = visits.into_iter().find_map(|older| tie(self, path, Some(older), step, config));
+            let (older, by_odometry, tracked) = match tied.filter(|tie| tie.holds(path)) {
+                Some(Tie { older: Some(older), older_from_newer: mean, covariance, .. }) => {
+                    last_tie = self.travelled[step];
+                    (older, Motion { mean, covariance }, Motion { mean, covariance })
+                }
+                // Somebody in the way: it is where the steps around it are.
+                _ if !kept[step - 1] && self.travelled[step] - last_tie <= AROUND => {
+                    let Keyframe { by_odometry, tracked, .. } = self.keyframes[step];
+                    (self.from[step], by_odometry, tracked)
+                }
+                _ => continue,
+            };
             kept[step] = false;
             self.moves_with[self.steps[step] as usize] = older as u32;
-            // The step after it always stays for now: `before` is well before the last one.
-            let (next, tie) = (step + 1, Motion { mean: older_from_newer, covariance });
+            let next = step + 1;
             self.from[next] = older;
-            self.keyframes[next].by_odometry = tie.then(&self.keyframes[next].by_odometry);
-            self.keyframes[next].tracked = tie.then(&self.keyframes[next].tracked);
+            self.keyframes[next].by_odometry = by_odometry.then(&self.keyframes[next].by_odometry);
+            self.keyframes[next].tracked = tracked.then(&self.keyframes[next].tracked);
         }
-        Some(self.without(kept, asked))
+        kept.contains(&false).then(|| self.without(kept, asked))
     }
 
     /// Leaves out steps, none of them before `first`.
@@ -111,8 +118,8 @@ impl Drive {
 mod tests {
     use super::*;
     use crate::evaluator::tiles::tiles;
+    use crate::loops::is_near;
     use crate::loops::revisits::revisits;
-    use crate::loops::{Keyframe, is_near};
     use crate::ppca::Cluster;
     use crate::slam::SlamConfig;
     use nalgebra::{Matrix3, Point2};
@@ -157,7 +164,7 @@ mod tests {
                 let first = path.len() - 10;
                 ties.extend(revisits(&drive, &path, first..path.len(), &[], &config));
                 let older = path.len() - 40.min(path.len());
-                if let Some(thinned) = drive.forget_covered(&path, &ties, older, &config) {
+                if let Some(thinned) = drive.forget_covered(&path, older, &config) {
                     thinned.retain(&mut path);
                     thinned.retain_ties(&mut ties);
                 }

@@ -146,6 +146,9 @@ const DRIFT: f64 = 8.13;
 const FAILURE: f64 = 100.0;
 /// The path is bent, and looked over for more visits to the same places, this many times.
 const PASSES: usize = 3;
+/// Where the robot was is settled once it has driven this far without a loop that says otherwise \[m\]: the way through several
+/// buildings. Their scans take 20 MB.
+const SETTLED: f64 = 2000.0;
 /// A map of fewer steps is too little to search in.
 const LEAST_STEPS: usize = 5;
 
@@ -247,17 +250,18 @@ impl Loops {
         })
     }
 
-    /// Forgets visits to places that are covered, of steps that the older map has taken in. Returns the path of what is left.
+    /// Forgets visits to places that are covered, of steps that are settled. Returns the path of what is left.
     fn forget_covered(&mut self, path: &[Pose]) -> Vec<Pose> {
-        let mut of_steps = self.drive.of_keyframes(path);
-        let older = self.older.path.len();
-        if let Some(thinned) = self.drive.forget_covered(&of_steps, &self.ties, older, &self.config) {
+        let mut of_keyframes = self.drive.of_keyframes(path);
+        let way = &self.drive.travelled;
+        let settled = way.partition_point(|there| there + SETTLED < self.searched).min(self.older.path.len());
+        if let Some(thinned) = self.drive.forget_covered(&of_keyframes, settled, &self.config) {
             self.tied = thinned.count(self.tied);
             thinned.retain_ties(&mut self.ties);
             thinned.retain(&mut self.older.path);
-            thinned.retain(&mut of_steps);
+            thinned.retain(&mut of_keyframes);
         }
-        of_steps
+        of_keyframes
     }
 
     /// The whole path bent once more, where loops have bent it in parts: with the motions as they were tracked, and the ties of all

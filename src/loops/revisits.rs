@@ -16,12 +16,12 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 /// A step is tied to at most this many earlier visits, the nearest ones.
-const VISITS: usize = 3;
+pub(super) const VISITS: usize = 3;
 /// A visit came this close \[m\].
 const NEAR: f64 = 2.0;
 /// The walls of a visit are those seen within this much way of its nearest step \[m\]: on both sides of the robot, whichever
 /// way it looked.
-const AROUND: f64 = 4.0;
+pub(super) const AROUND: f64 = 4.0;
 /// How far off two visits may be \[m, rad\]: what a pose graph leaves open.
 const OFF: [f64; 2] = [0.3, 0.1];
 /// How far off a wall is still found \[m\]: as far as that.
@@ -95,13 +95,8 @@ impl<'a> Places<'a> {
         Self { path, steps }
     }
 
-    /// Whether as many visits as a step is tied to, at least `apart` \[m\] of way before it, have shown the place of a step.
-    pub fn is_covered(&self, drive: &Drive, step: usize, apart: f64) -> bool {
-        self.nearest(drive, step, apart).len() == VISITS
-    }
-
     /// The nearest step of each visit at least `apart` \[m\] of way before a step.
-    fn nearest(&self, drive: &Drive, step: usize, apart: f64) -> Vec<usize> {
+    pub fn nearest(&self, drive: &Drive, step: usize, apart: f64) -> Vec<usize> {
         let (path, way) = (self.path, &drive.travelled);
         let before = way[..step].partition_point(|&there| there < way[step] - apart);
         let distance = |older: usize| (path[older].position() - path[step].position()).norm();
@@ -124,7 +119,7 @@ fn cell(pose: &Pose) -> [i64; 2] {
 }
 
 /// Matches the scan of a step to what was seen around an older one, or to the map of an earlier drive.
-fn tie(drive: &Drive, path: &[Pose], older: Option<usize>, newer: usize, config: &Closer) -> Option<Tie> {
+pub(super) fn tie(drive: &Drive, path: &[Pose], older: Option<usize>, newer: usize, config: &Closer) -> Option<Tie> {
     let tiles = &drive.keyframes[newer].tiles;
     let expected = path[newer].seen_from(pose_of(older, path));
     let reach = f64::from(reach(tiles)) + OFF[0];
