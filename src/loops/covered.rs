@@ -194,7 +194,10 @@ mod tests {
             let from = drive.from[step];
             jumps += usize::from(from + 1 != step);
             let motion = kept[step].seen_from(kept[from]);
-            assert!([by_odometry, tracked].into_iter().all(|other| is_near(other.mean, motion, [0.02, 0.005])), "{step}");
+            assert!(
+                [by_odometry, tracked].into_iter().all(|other| is_near(other.mean, motion, [0.02, 0.005])),
+                "{step}"
+            );
         }
         assert!((1..=5).contains(&jumps), "{jumps} motions are from an earlier visit");
         let turned = Pose::new(3.0, -2.0, 0.5);
