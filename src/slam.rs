@@ -78,7 +78,9 @@ struct Reading {
     stamp: f64,
     odom_from_robot: Pose,
     step: u32,
-    step_from_robot: Motion,
+    step_from_robot: Pose,
+    /// Of (forward, sideways, heading) in the robot's own frame, packed.
+    covariance: [f32; 6],
 }
 
 /// Modes of a scan match that are compared.
@@ -105,8 +107,8 @@ pub struct Slam {
     evaluator: Failover,
     ancestry: Ancestry,
     readings: Vec<Reading>,
-    /// At the start and at every step, of (forward, sideways, heading) in the robot's own frame.
-    covariances: Vec<Matrix3<f64>>,
+    /// At the start and at every step, of (forward, sideways, heading) in the robot's own frame, packed.
+    covariances: Vec<[f32; 6]>,
     steps: u32,
     /// The motion since the last step.
     tracker: Tracker,
@@ -151,7 +153,7 @@ impl Slam {
             evaluator,
             ancestry,
             readings: Vec::new(),
-            covariances: vec![Matrix3::zeros()],
+            covariances: vec![[0.0; 6]],
             steps: 0,
             tracker: Tracker::new(config.motion, config.tracking),
             doubt: Doubt::default(),
@@ -218,14 +220,15 @@ impl Slam {
     fn place_first_readings(&mut self, odom_from_first_scan: Pose) {
         let Motion { covariance, .. } = self.tracker.by_odometry();
         for reading in &mut self.readings {
-            let mean = reading.odom_from_robot.seen_from(odom_from_first_scan);
-            reading.step_from_robot = Motion { mean, covariance };
+            reading.step_from_robot = reading.odom_from_robot.seen_from(odom_from_first_scan);
+            reading.covariance = packed(&covariance);
         }
     }
 
     fn keep_reading(&mut self, stamp: f64, odom_from_robot: Pose) {
-        let step_from_robot = self.tracker.tracked();
-        self.readings.push(Reading { stamp, odom_from_robot, step: self.steps, step_from_robot });
+        let Motion { mean: step_from_robot, covariance } = self.tracker.tracked();
+        let covariance = packed(&covariance);
+        self.readings.push(Reading { stamp, odom_from_robot, step: self.steps, step_from_robot, covariance });
     }
 
     /// Table I, 6: one step of the filter.
@@ -251,7 +254,7 @@ impl Slam {
         let weights = normalised(&particles.iter().map(|particle| particle.log_weight).collect::<Vec<_>>());
         // 6d
         let (resampled, parents) = timed(&mut times.resample, || self.resample(&particles, &weights));
-        self.covariances.push(self.covariance(&particles, &weights));
+        self.covariances.push(packed(&self.covariance(&particles, &weights)));
         if !self.config.ablation.weigh_merged_map {
             // 6c-ii to v, for the survivors alone
             timed(&mut times.merge, || self.merge(scan, &clustering));
@@ -613,9 +616,10 @@ impl Slam {
 
     /// The estimate at a reading, given the pose of its step; `None` before the first step.
     fn estimate(&self, reading: &Reading, world_from_step: Option<Pose>) -> Estimate {
-        let &Reading { stamp, odom_from_robot, step, step_from_robot } = reading;
-        let covariance = self.covariances[step as usize];
-        let placed = world_from_step.map(|mean| Motion { mean, covariance }.then(&step_from_robot));
+        let &Reading { stamp, odom_from_robot, step, step_from_robot, covariance } = reading;
+        let since_step = Motion { mean: step_from_robot, covariance: unpacked(covariance) };
+        let covariance = unpacked(self.covariances[step as usize]);
+        let placed = world_from_step.map(|mean| Motion { mean, covariance }.then(&since_step));
         Estimate {
             stamp,
             odom_from_robot,

@@ -66,16 +66,18 @@ impl Localization {
                 }
             }));
         };
+        let count = |share: f64| (share * enough as f64).round() as usize;
+        // A quarter of all particles may come from anywhere, and as many may be strays: clouds would take all there are.
+        let room = max_particles - 2 * count(from_anywhere).min(max_particles / 4);
         let mut left = max_particles;
         for (number, members) in (1..).zip(&clouds.clouds) {
             let cloud = Stratum::new(members.clone(), weights);
-            let least = (min_particles as f64 * cloud.weight() / all.weight()).round().max(1.0) as usize;
-            let most = (max_particles / clouds.clouds.len()).max(1);
+            let least = (min_particles.min(room) as f64 * cloud.weight() / all.weight()).round().max(1.0) as usize;
+            let most = (room / clouds.clouds.len()).max(1);
             let count = sample_size(least, most, |number| bin(drawn(&cloud, number))).particles;
             draw(&cloud, number, count);
             left -= count.min(left);
         }
-        let count = |share: f64| (share * enough as f64).round() as usize;
         let new = count(from_anywhere).min(left / 2);
         // As many strays are kept as particles come from anywhere: one of them may be at the right place.
         let strays = Stratum::new(clouds.strays.clone(), weights);

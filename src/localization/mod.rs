@@ -497,6 +497,26 @@ mod tests {
         assert!(open.is_located && confidence(5.0).is_located && !confidence(3.0).is_located);
     }
 
+    /// All particles are in one cloud, where scans fit badly: however few there are, some come from anywhere.
+    #[test]
+    fn a_robot_that_was_carried_away_is_sought_by_few_particles_too() {
+        for count in [10, 1000] {
+            let mut filter = filter(room(), ROBOT);
+            (filter.config.max_particles, filter.config.min_particles) = (count, count);
+            let pose = LocalPose::new(ROBOT, filter.walls.table.anchor());
+            let (weighed, weights) =
+                (vec![Weighed { pose, log_likelihood: 0.0 }; count], vec![1.0 / count as f64; count]);
+            filter.evidence = vec![0.0; count];
+            let clouds = Clouds::of(&weighed, &weights);
+            let new = |from_anywhere: f64| {
+                let Drawn { particles, .. } = filter.resample(&weighed, &weights, &clouds, from_anywhere);
+                assert!(particles.len() <= count && particles.len() >= count / 2, "{} of {count}", particles.len());
+                particles.iter().filter(|particle| particle.parent == u32::MAX).count()
+            };
+            assert_eq!((new(0.0), new(0.1), new(0.9)), (0, count / 10, count / 4));
+        }
+    }
+
     /// The scan says that the robot stands still.
     #[test]
     fn the_scan_corrects_odometry_but_cannot_hold_back_the_robot() {

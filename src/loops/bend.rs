@@ -1,6 +1,6 @@
 //! A pose graph bends the path so that it closes a loop.
 
-use super::{Keyframe, SAME, Window, is_near};
+use super::{Drive, Keyframe, SAME, Window, is_near};
 use crate::factor_graph::{Between, Graph, GraphError, Loss, Noise, Prior, Solver, Values, VariableId};
 use crate::geometry::Pose;
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -71,24 +71,26 @@ const TIE_TAIL: f64 = 3.0;
 /// The motions from step to step, and their covariances.
 #[derive(Debug)]
 pub(super) struct Chain {
+    /// The step that each is from.
+    from: Vec<usize>,
     motions: Vec<Pose>,
     covariances: Vec<Matrix3<f64>>,
 }
 
 impl Chain {
     /// As this path has them.
-    pub fn new(keyframes: &[Keyframe], path: &[Pose], doubt: Doubt) -> Self {
-        let motions: Vec<Pose> =
-            (0..path.len()).map(|step| path[step].seen_from(path[step.saturating_sub(1)])).collect();
-        Self::with_motions(keyframes, motions, doubt)
+    pub fn new(drive: &Drive, path: &[Pose], doubt: Doubt) -> Self {
+        let motion = |(&from, pose): (&usize, &Pose)| pose.seen_from(path[from]);
+        Self::with_motions(drive, drive.from.iter().zip(path).map(motion).collect(), doubt)
     }
 
     /// As the scans of each step have tracked them, before any loop was closed.
-    pub fn as_tracked(keyframes: &[Keyframe]) -> Self {
-        Self::with_motions(keyframes, keyframes.iter().map(|keyframe| keyframe.tracked.mean).collect(), Doubt::None)
+    pub fn as_tracked(drive: &Drive) -> Self {
+        let motions = drive.keyframes.iter().map(|keyframe| keyframe.tracked.mean).collect();
+        Self::with_motions(drive, motions, Doubt::None)
     }
 
-    fn with_motions(keyframes: &[Keyframe], motions: Vec<Pose>, doubt: Doubt) -> Self {
+    fn with_motions(Drive { keyframes, from, .. }: &Drive, motions: Vec<Pose>, doubt: Doubt) -> Self {
         let usual = usual(keyframes, &motions);
         let least = Matrix3::from_diagonal(&Vector3::from(MOTION).map(|sigma| sigma * sigma));
         let covariance = |(keyframe, &moved): (&Keyframe, &Pose)| match doubt {
@@ -96,7 +98,7 @@ impl Chain {
             Doubt::OfMatches => doubted(keyframe, moved, &usual) + least,
         };
         let covariances = keyframes.iter().zip(&motions).map(covariance).collect();
-        Self { motions, covariances }
+        Self { from: from.clone(), motions, covariances }
     }
 
     /// The path, from `path` on, that keeps the motions and all ties as well as it can, and a new tie in any case. `None` where
@@ -118,7 +120,7 @@ impl Chain {
         let mut graph = Graph::new();
         graph.add(Prior::pose(steps[0], path[0]), Noise::sigmas(&ORIGIN)?)?;
         for (step, (&moved, covariance)) in self.motions.iter().zip(&self.covariances).enumerate().skip(1) {
-            graph.add(Between::new(steps[step - 1], steps[step], moved), noise(covariance)?)?;
+            graph.add(Between::new(steps[self.from[step]], steps[step], moved), noise(covariance)?)?;
         }
         for tie in ties {
             let term = add(&mut graph, tie)?;
@@ -192,7 +194,9 @@ mod tests {
         motions[1..].iter().for_each(|&moved| path.push(path[path.len() - 1] * moved));
         let covariance = Matrix3::from_diagonal(&Vector3::from(TIE).map(|sigma| sigma * sigma));
         let tie = Tie { older: Some(0), newer: 20, older_from_newer, covariance };
-        Chain::new(keyframes, &path, Doubt::OfMatches).bent(&path, &[], Some(&tie)).unwrap()
+        let mut drive = Drive::default();
+        keyframes.iter().for_each(|keyframe| drive.add(keyframe.clone()));
+        Chain::new(&drive, &path, Doubt::OfMatches).bent(&path, &[], Some(&tie)).unwrap()
     }
 
     /// Five usual errors forward and five in heading, whose squares are 50: scans and odometry are as likely right. By hand, for

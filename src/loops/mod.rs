@@ -33,6 +33,7 @@ use revisits::{agreement, revisits};
 use search::{BACK, Found, OlderMap, Query};
 
 mod bend;
+mod covered;
 mod one_map;
 mod rebuild;
 mod revisits;
@@ -93,8 +94,16 @@ struct Drive {
     /// The map of an earlier drive that this one continues, if it does.
     earlier: LineMap,
     keyframes: Vec<Keyframe>,
-    /// Way up to each step \[m\].
+    /// Way up to each of them \[m\].
     travelled: Vec<f64>,
+    /// The step of the filter that each of them is of. Elsewhere in this room they are called steps.
+    steps: Vec<u32>,
+    /// The keyframe that the motion of each is from: the one before, unless that was forgotten (`covered`).
+    from: Vec<usize>,
+    /// The keyframe that each step of the filter moves with: its own, unless that was forgotten.
+    moves_with: Vec<u32>,
+    /// Of the keyframes before this one it was asked whether their places are covered: they stay.
+    asked: usize,
 }
 
 /// The last metres before a step, and what is older than them and as many metres more: there is nothing to find in what the
@@ -136,10 +145,23 @@ const DRIFT: f64 = 8.13;
 const FAILURE: f64 = 100.0;
 /// The path is bent, and looked over for more visits to the same places, this many times.
 const PASSES: usize = 3;
+/// Where the robot was is settled once it has driven this far without a loop that says otherwise \[m\]: the way through several
+/// buildings. Their scans take 20 MB.
+const SETTLED: f64 = 2000.0;
 /// A map of fewer steps is too little to search in.
 const LEAST_STEPS: usize = 5;
 
 impl Drive {
+    fn add(&mut self, keyframe: Keyframe) {
+        let Pose { x, y, .. } = keyframe.tracked.mean;
+        let before = self.travelled.last().copied().unwrap_or(0.0);
+        self.travelled.push(before + x.hypot(y));
+        self.from.push(self.keyframes.len().saturating_sub(1));
+        self.steps.push(self.moves_with.len() as u32);
+        self.moves_with.push(self.keyframes.len() as u32);
+        self.keyframes.push(keyframe);
+    }
+
     fn window(&self, last: usize, config: &LoopConfig) -> Option<Window> {
         let way = self.travelled[last];
         let before = |metres: f64| self.travelled[..=last].partition_point(|&travelled| travelled < way - metres);
@@ -170,10 +192,7 @@ impl Loops {
     /// Adds a step.
     pub fn add(&mut self, keyframe: Keyframe) {
         if self.config.loops.search_distance > 0.0 {
-            let Pose { x, y, .. } = keyframe.tracked.mean;
-            let before = self.drive.travelled.last().copied().unwrap_or(0.0);
-            self.drive.travelled.push(before + x.hypot(y));
-            self.drive.keyframes.push(keyframe);
+            self.drive.add(keyframe);
         }
     }
 
@@ -201,6 +220,8 @@ impl Loops {
         log_likelihood: &dyn Fn(&[Pose]) -> f64,
     ) -> Option<Closed> {
         self.searched = *self.drive.travelled.last()?;
+        let whole = path;
+        let path = &self.forget_covered(whole);
         let steps = std::mem::replace(&mut self.tied, path.len())..path.len();
         self.ties.extend(revisits(&self.drive, path, steps, &[], &self.config));
         let window = self.drive.window(path.len() - 1, &self.config.loops)?;
@@ -209,13 +230,14 @@ impl Loops {
         let near = if self.drive.earlier.clusters.is_empty() { f64::INFINITY } else { BACK };
         let new = Tie::new(found.world_from_robot, path, window, near);
         let hypothesis = self.bend(path, &new, window)?;
-        let is_closed = hypothesis.cost <= FAILURE && log_likelihood(&hypothesis.path) >= log_likelihood(path);
+        let bent = self.drive.moved(whole, &hypothesis.path);
+        let is_closed = hypothesis.cost <= FAILURE && log_likelihood(&bent) >= log_likelihood(whole);
         let step = new.newer;
         self.found.push(Loop {
             stamp: self.drive.keyframes[step].stamp,
             older_stamp: new.older.map(|older| self.drive.keyframes[older].stamp),
-            step: step as u32,
-            older: new.older.map(|older| older as u32),
+            step: self.drive.steps[step],
+            older: new.older.map(|older| self.drive.steps[older]),
             older_from_robot: new.older_from_newer,
             correction: found.distance(path[step]),
             explained: found.explained,
@@ -223,8 +245,22 @@ impl Loops {
         });
         is_closed.then(|| {
             self.ties = hypothesis.ties;
-            rebuild(&self.drive.earlier.clusters, &self.drive.keyframes, &hypothesis.path, &self.config)
+            self.rebuild(whole, &hypothesis.path)
         })
+    }
+
+    /// Forgets visits to places that are covered, of steps that are settled. Returns the path of what is left.
+    fn forget_covered(&mut self, path: &[Pose]) -> Vec<Pose> {
+        let mut of_keyframes = self.drive.of_keyframes(path);
+        let way = &self.drive.travelled;
+        let settled = way.partition_point(|there| there + SETTLED < self.searched).min(self.older.path.len());
+        if let Some(thinned) = self.drive.forget_covered(&of_keyframes, settled, &self.config) {
+            self.tied = thinned.count(self.tied);
+            thinned.retain_ties(&mut self.ties);
+            thinned.retain(&mut self.older.path);
+            thinned.retain(&mut of_keyframes);
+        }
+        of_keyframes
     }
 
     /// The whole path bent once more, where loops have bent it in parts: with the motions as they were tracked, and the ties of all
@@ -233,12 +269,20 @@ impl Loops {
         if !self.found(path).iter().any(|found| found.is_closed) {
             return None;
         }
-        let chain = Chain::as_tracked(&self.drive.keyframes);
+        let whole = path;
+        let path = &self.drive.of_keyframes(whole);
+        let chain = Chain::as_tracked(&self.drive);
         let ties = self.visits(path, &self.ties);
         let before = self.agreement(path, &ties);
         let (bent, ties) = self.settle(&chain, path.to_vec(), ties)?;
-        (self.agreement(&bent, &self.visits(&bent, &ties)) > before)
-            .then(|| rebuild(&self.drive.earlier.clusters, &self.drive.keyframes, &bent, &self.config))
+        (self.agreement(&bent, &self.visits(&bent, &ties)) > before).then(|| self.rebuild(whole, &bent))
+    }
+
+    /// Rebuilds the map from the scans that are kept, and moves the whole path with them.
+    fn rebuild(&self, whole: &[Pose], path: &[Pose]) -> Closed {
+        let Drive { earlier, keyframes, .. } = &self.drive;
+        let Closed { path: kept, map } = rebuild(&earlier.clusters, keyframes, path, &self.config);
+        Closed { path: self.drive.moved(whole, &kept), map }
     }
 
     /// The place of the older map that explains the window, if it is the only one of its kind and another one than where the robot
@@ -268,7 +312,7 @@ impl Loops {
         let known: Vec<Tie> = self.ties.iter().filter(is_known).copied().collect();
         // As if no match had failed, first: where the drift explains the loop, nothing else is in doubt.
         for doubt in [Doubt::None, Doubt::OfMatches] {
-            let chain = Chain::new(&self.drive.keyframes, path, doubt);
+            let chain = Chain::new(&self.drive, path, doubt);
             let before = chain.bent(path, &known, None)?;
             let Bent { path, cost } = chain.bent(path, &known, Some(new))?;
             let cost = cost - before.cost;

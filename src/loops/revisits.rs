@@ -17,12 +17,12 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 /// A step is tied to at most this many earlier visits, the nearest ones.
-const VISITS: usize = 3;
+pub(super) const VISITS: usize = 3;
 /// A visit came this close \[m\].
 const NEAR: f64 = 2.0;
 /// The walls of a visit are those seen within this much way of its nearest step \[m\]: on both sides of the robot, whichever
 /// way it looked.
-const AROUND: f64 = 4.0;
+pub(super) const AROUND: f64 = 4.0;
 /// How far off two visits may be \[m, rad\]: what a pose graph leaves open.
 const OFF: [f64; 2] = [0.3, 0.1];
 /// How far off a wall is still found \[m\]: as far as that.
@@ -84,20 +84,20 @@ fn rays(frame_from_robot: Pose, tiles: &[Tile]) -> Vec<[Point2<f64>; 2]> {
 }
 
 /// The steps of a path by where they are, in cells as wide as visits are apart at most.
-struct Places<'a> {
+pub(super) struct Places<'a> {
     path: &'a [Pose],
     steps: HashMap<[i64; 2], Vec<usize>>,
 }
 
 impl<'a> Places<'a> {
-    fn of(path: &'a [Pose]) -> Self {
+    pub fn of(path: &'a [Pose]) -> Self {
         let mut steps = HashMap::<[i64; 2], Vec<usize>>::new();
         path.iter().enumerate().for_each(|(step, pose)| steps.entry(cell(pose)).or_default().push(step));
         Self { path, steps }
     }
 
     /// The nearest step of each visit at least `apart` \[m\] of way before a step.
-    fn nearest(&self, drive: &Drive, step: usize, apart: f64) -> Vec<usize> {
+    pub fn nearest(&self, drive: &Drive, step: usize, apart: f64) -> Vec<usize> {
         let (path, way) = (self.path, &drive.travelled);
         let before = way[..step].partition_point(|&there| there < way[step] - apart);
         let distance = |older: usize| (path[older].position() - path[step].position()).norm();
@@ -120,7 +120,7 @@ fn cell(pose: &Pose) -> [i64; 2] {
 }
 
 /// Matches the scan of a step to what was seen around an older one, or to the map of an earlier drive.
-fn tie(drive: &Drive, path: &[Pose], older: Option<usize>, newer: usize, config: &Closer) -> Option<Tie> {
+pub(super) fn tie(drive: &Drive, path: &[Pose], older: Option<usize>, newer: usize, config: &Closer) -> Option<Tie> {
     let tiles = &drive.keyframes[newer].tiles;
     let expected = path[newer].seen_from(pose_of(older, path));
     let reach = f64::from(reach(tiles)) + OFF[0];
@@ -187,10 +187,8 @@ mod tests {
 
     fn added(drive: &mut Drive, scan: &[Point2<f64>], clusters: Vec<Cluster>, moved: Pose) {
         let motion = Motion { mean: moved, covariance: Matrix3::identity() * 1e-6 };
-        let before = drive.travelled.last().copied().unwrap_or(0.0);
-        drive.travelled.push(before + moved.x.hypot(moved.y));
         let tiles = tiles(scan, SlamConfig::default().likelihood.max_points);
-        drive.keyframes.push(Keyframe { stamp: 0.0, tiles, clusters, by_odometry: motion, tracked: motion });
+        drive.add(Keyframe { stamp: 0.0, tiles, clusters, by_odometry: motion, tracked: motion });
     }
 
     /// The drive through the simulated building, and the true path.

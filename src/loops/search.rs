@@ -41,7 +41,7 @@ pub(super) struct Found {
 pub(super) struct OlderMap {
     map: OneMap,
     /// The poses of these steps.
-    path: Vec<Pose>,
+    pub path: Vec<Pose>,
     /// Where the robot may be in the map of an earlier drive, on the grid of starts.
     free: Vec<Point2<f64>>,
 }

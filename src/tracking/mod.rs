@@ -2,7 +2,8 @@
 //!
 //! Odometry is not always a measurement:
 //! - A motion between two readings that no robot can have driven is refused. The robot is taken to move on at its velocity, with
-//!   the noise of an unmeasured motion, and scan matching decides.
+//!   the noise of an unmeasured motion, and scan matching decides. A motion far faster than any before in this drive is refused too,
+//!   unless the next one is as fast: where readings are seconds apart, odometry that starts again jumps no faster than a robot drives.
 //! - Odometry that never changes measures nothing; the noise is that of an unmeasured motion.
 //! - Odometry that stops changing means that the robot stands or that odometry is late. The noise then covers the distance that
 //!   the robot would have driven at its velocity. When odometry changes again, its motion starts at the pose where it stopped
@@ -39,6 +40,10 @@ parameters! {
 
 /// The time between two readings is taken to be at least this \[s\]: logs lose readings, and stamps of receipt jitter by as much.
 const MIN_ELAPSED: f64 = 0.5;
+/// This many times as fast as ever before in a drive is a jump, ...
+const JUMP: f64 = 3.0;
+/// ... unless it is slower than this \[m/s\]: walking pace, at which any robot may drive off.
+const WALKING: f64 = 1.0;
 /// A motion is extrapolated for at most this time \[s\].
 const MAX_GUESS: f64 = 1.0;
 /// Odometry is late once it has not changed for this share of its period: stamps jitter.
@@ -61,6 +66,11 @@ impl TrackingConfig {
         let reachable = (speed + self.max_acceleration * seconds).min(self.max_speed) * seconds;
         moved.is_finite() && distance <= reachable && moved.heading.abs() <= self.max_turn_rate * seconds
     }
+}
+
+/// The speed of a motion \[m/s\]. Stamps jitter, so that a short time is none to go by.
+fn mean_speed(moved: Pose, seconds: f64) -> f64 {
+    moved.x.hypot(moved.y) / seconds.max(MIN_ELAPSED)
 }
 
 /// The last change of odometry.
@@ -92,6 +102,10 @@ pub struct Tracker {
     period: Option<f64>,
     /// Velocity by the motions that were accepted: forward and sideways \[m/s\], turn \[rad/s\].
     velocity: Pose,
+    /// The fastest of these motions \[m/s\].
+    fastest: Option<f64>,
+    /// Whether the last motion was refused as faster than those before.
+    was_faster: bool,
     since_step: Travel,
     /// The motion from the last step to the last scan that corrected it, and the travel since.
     corrected: Motion,
@@ -113,6 +127,8 @@ impl Tracker {
             stall: None,
             period: None,
             velocity: Pose::IDENTITY,
+            fastest: None,
+            was_faster: false,
             since_step: Travel::default(),
             corrected: Motion::none(),
             is_corrected: false,
@@ -145,7 +161,10 @@ impl Tracker {
         let seconds = stamp - last.stamp.max(before - MAX_GUESS);
         let speed = self.velocity.x.hypot(self.velocity.y);
         let stall = self.stall.take();
-        if !self.tracking.can_be_driven(moved, seconds, speed) {
+        let was_faster = std::mem::replace(&mut self.was_faster, false);
+        let can_be_driven = self.tracking.can_be_driven(moved, seconds, speed);
+        self.was_faster = can_be_driven && !was_faster && self.is_jump(moved, seconds);
+        if !can_be_driven || self.was_faster {
             self.refused.push(stamp);
             let Pose { x, y, heading } = self.velocity;
             let guess = Pose::new(x * elapsed, y * elapsed, heading * elapsed);
@@ -193,7 +212,13 @@ impl Tracker {
 
     /// Updates the velocity, averaged over the last half second, and the period, averaged over the last intervals. Stamps that
     /// are repeated or go backwards change neither.
+    /// Whether it is far faster than any motion that was accepted.
+    fn is_jump(&self, moved: Pose, seconds: f64) -> bool {
+        self.fastest.is_some_and(|fastest| mean_speed(moved, seconds) > (JUMP * fastest).max(WALKING))
+    }
+
     fn accept(&mut self, moved: Pose, seconds: f64) {
+        self.fastest = Some(self.fastest.unwrap_or(0.0).max(mean_speed(moved, seconds)));
         if seconds > 0.0 {
             let share = (seconds / MIN_ELAPSED).min(1.0);
             let blend = |old: f64, moved: f64| old + share * (moved / seconds - old);
@@ -406,6 +431,30 @@ mod tests {
         tracker.correct(Motion { mean: Pose::new(0.03, 0.0, 0.0), ..Motion::none() });
         tracker.add(2.0, pose(20));
         assert!((tracker.tracked().mean.x - 0.08).abs() < 1e-9, "{:?}", tracker.tracked());
+    }
+
+    /// A reading of odometry every 2.5 s, at 0.4 m/s; it starts again 7 m off, which is 2.8 m/s. A robot that drives off at 2 m/s is
+    /// believed at the second reading, and what no robot can drive never.
+    #[test]
+    fn a_jump_between_readings_that_are_far_apart_is_no_motion() {
+        let drive = |places: &[f64]| {
+            let mut tracker = Tracker::new(CONFIG, TrackingConfig::default());
+            (0..10).for_each(|reading| tracker.add(2.5 * f64::from(reading), Pose::new(f64::from(reading), 0.0, 0.0)));
+            for (reading, &x) in (10..).zip(places) {
+                tracker.add(2.5 * f64::from(reading), Pose::new(x, 0.0, 0.0));
+            }
+            (tracker.by_odometry().mean.x, tracker.refused().to_vec())
+        };
+        let (x, refused) = drive(&[3.0, 4.0, 5.0]);
+        assert_eq!(refused, [25.0]);
+        // Nine metres, a second at 0.4 m/s, two metres.
+        assert!((x - 11.4).abs() < 1e-6, "{x}");
+        let (x, refused) = drive(&[14.0, 19.0, 24.0, 29.0]);
+        assert_eq!(refused, [25.0]);
+        assert!((x - 24.4).abs() < 1e-6, "{x}");
+        assert_eq!(drive(&[100.0, 200.0, 300.0]).1, [25.0, 27.5, 30.0]);
+        // Twice as fast is no jump, and neither is walking pace after a crawl.
+        assert!(drive(&[11.0, 13.0]).1.is_empty());
     }
 
     /// A robot that has stood for an hour is not a mile away at the next reading.
