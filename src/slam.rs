@@ -85,6 +85,9 @@ struct Reading {
 
 /// Modes of a scan match that are compared.
 const MODES: usize = 4;
+/// Log of the odds that a point behind a wall is seen from the right pose \[nats\]: from right poses 3 % of the points are behind
+/// walls, from wrong ones 26 %, so that it is ln(0.03 / 0.26 · 0.74 / 0.97).
+const LOG_BEHIND: f64 = -2.43;
 /// What fewer steps saw may be somebody who walks by, and hides nothing.
 const SURE: u32 = 2;
 
@@ -332,9 +335,10 @@ impl Slam {
         let gain = |mode: &Mode| f64::from(mode.log_likelihood) / points.max(1) as f64 - log_outlier;
         let starts = Doubt::starts(least, &covariance, self.config.proposal.capture_sigma);
         let Some(mut mode) = self.match_from(starts, tiles) else { return };
-        if let Some(more) = self.doubt.again(starts, gain(&mode)) {
-            // The first of them are the same.
-            mode = self.match_from(more, tiles).unwrap_or(mode);
+        if self.doubt.is_poor(gain(&mode)) {
+            // The first starts are the same. Where the walls are new, nothing fits well, and the best of many is not the true place.
+            let again = self.match_from(Doubt::more(starts), tiles);
+            mode = again.filter(|again| !self.doubt.is_poor(gain(again))).unwrap_or(mode);
         }
         self.doubt.add(gain(&mode));
         self.tracker.correct(Motion {
@@ -362,16 +366,16 @@ impl Slam {
         };
         let maps = [self.near(&best.map, expected, tiles, how.longest_way())];
         let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
-        let modes = best_modes(proposals.into_iter().map(|proposal| proposal.mode), MODES);
+        let world_from_step = best.world_from_robot;
+        let moved = |mode: &Mode| mode.pose.in_world(self.table.anchor()).seen_from(world_from_step);
+        let can_be_driven = |mode: &Mode| self.tracker.can_be_driven(moved(mode));
+        let modes = proposals.into_iter().map(|proposal| proposal.mode).filter(can_be_driven);
+        let modes = best_modes(modes, MODES);
         let [_, _, ..] = modes[..] else { return modes.first().copied() };
-        // Several places fit. What the scan looks through decides as well: a point behind a wall speaks against a place as much as
-        // one on a wall speaks for it.
-        let score = |mode: &Mode| {
-            let log_outlier = self.table.log_outlier();
-            let count: u32 = tiles.iter().map(|tile| tile.count).sum();
-            let gain = mode.log_likelihood - count as f32 * log_outlier;
-            mode.tempered_log_posterior() - MODE_TEMPER * f64::from(gain) * self.share_behind(mode.pose, tiles)
-        };
+        // Several places fit. What the scan looks through decides as well.
+        let count: u32 = tiles.iter().map(|tile| tile.count).sum();
+        let log_likelihood = |mode: &Mode| LOG_BEHIND * f64::from(count) * self.share_behind(mode.pose, tiles);
+        let score = |mode: &Mode| mode.tempered_log_posterior() + MODE_TEMPER * log_likelihood(mode);
         modes.into_iter().map(|mode| (score(&mode), mode)).max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, mode)| mode)
     }
 

@@ -293,14 +293,15 @@ impl Loops {
         let query = self.drive.query(window, path, &self.config)?;
         let is_found = |found: &Found| found.explained >= LEAST_EXPLAINED;
         let is_here = |found: &Found| is_near(found.world_from_robot, robot, SAME);
-        if is_found(&self.older.evaluate(robot, &query)) {
-            return None;
-        }
         if self.older.search_near(&query, robot, evaluator).is_some_and(|near| is_found(&near) && is_here(&near)) {
             return None;
         }
         let places = self.older.search(&query, evaluator);
         let found = *places.first().filter(|first| is_found(first) && !is_here(first))?;
+        // The place where the robot is thought to be is one of them.
+        if self.older.evaluate(robot, &query).explained >= found.explained {
+            return None;
+        }
         let is_alone = places.get(1).is_none_or(|second| second.explained < ALONE * found.explained);
         is_alone.then_some(found)
     }

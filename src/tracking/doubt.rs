@@ -31,11 +31,14 @@ impl Doubt {
         ((ellipsoid / reached) as usize).clamp(least, MOST.max(least))
     }
 
-    /// The number of starts to match the scan again with, if it fits worse than is usual: the motion is then far off its prior, or
-    /// the walls are new.
-    pub fn again(&self, starts: usize, gain: f64) -> Option<usize> {
-        let is_poor = self.usual.is_some_and(|usual| gain < (1.0 - POOR) * usual);
-        (is_poor && starts < MOST).then(|| (AGAIN * starts).min(MOST))
+    /// Whether a scan fits worse than is usual: the motion is far off its prior, or the walls are new.
+    pub fn is_poor(&self, gain: f64) -> bool {
+        self.usual.is_some_and(|usual| gain < (1.0 - POOR) * usual)
+    }
+
+    /// The number of starts to match such a scan again with.
+    pub fn more(starts: usize) -> usize {
+        (AGAIN * starts).min(MOST.max(starts))
     }
 
     /// Takes in how well a scan fits.
@@ -67,11 +70,11 @@ mod tests {
     #[test]
     fn a_scan_that_fits_worse_than_usual_is_matched_again() {
         let mut doubt = Doubt::default();
-        assert_eq!(doubt.again(24, 0.1), None, "the first scan");
+        assert!(!doubt.is_poor(0.1), "the first scan");
         (0..100).for_each(|_| doubt.add(6.0));
-        assert_eq!((doubt.again(24, 5.5), doubt.again(24, 5.3)), (None, Some(384)));
-        assert_eq!((doubt.again(1000, 5.3), doubt.again(MOST, 1.0)), (Some(MOST), None));
+        assert!(!doubt.is_poor(5.5) && doubt.is_poor(5.3));
+        assert_eq!([24, 1000, 5000].map(Doubt::more), [384, MOST, 5000]);
         (0..100).for_each(|_| doubt.add(3.0));
-        assert_eq!(doubt.again(24, 2.9), None, "another building");
+        assert!(!doubt.is_poor(2.9), "another building");
     }
 }

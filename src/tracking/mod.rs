@@ -4,7 +4,8 @@
 //! - A motion between two readings that no robot can have driven is refused. The robot is taken to move on at its velocity, with
 //!   the noise of an unmeasured motion, and scan matching decides. A motion far faster than any before in this drive is refused too,
 //!   unless the next one is as fast: where readings are seconds apart, odometry that starts again jumps no faster than a robot drives.
-//! - Odometry that never changes measures nothing; the noise is that of an unmeasured motion.
+//! - Odometry that never changes measures nothing. The robot is taken to move on at the velocity that scans have shown, with the
+//!   noise of an unmeasured motion.
 //! - Odometry that stops changing means that the robot stands or that odometry is late. The noise then covers the distance that
 //!   the robot would have driven at its velocity. When odometry changes again, its motion starts at the pose where it stopped
 //!   changing, not at the pose to which scans have tracked the robot since.
@@ -109,6 +110,8 @@ pub struct Tracker {
     since_step: Travel,
     /// The motion from the last step to the last scan that corrected it, and the travel since.
     corrected: Motion,
+    /// Stamp of that scan \[s\].
+    corrected_at: f64,
     is_corrected: bool,
     since_correction: Travel,
     refused: Vec<f64>,
@@ -131,6 +134,7 @@ impl Tracker {
             was_faster: false,
             since_step: Travel::default(),
             corrected: Motion::none(),
+            corrected_at: 0.0,
             is_corrected: false,
             since_correction: Travel::default(),
             refused: Vec::new(),
@@ -166,9 +170,7 @@ impl Tracker {
         self.was_faster = can_be_driven && !was_faster && self.is_jump(moved, seconds);
         if !can_be_driven || self.was_faster {
             self.refused.push(stamp);
-            let Pose { x, y, heading } = self.velocity;
-            let guess = Pose::new(x * elapsed, y * elapsed, heading * elapsed);
-            self.travel(Travel::unmeasured(guess, elapsed));
+            self.travel(Travel::unmeasured(self.driven(elapsed), elapsed));
             return;
         }
         self.accept(moved, seconds);
@@ -190,7 +192,7 @@ impl Tracker {
         }
         let Some(period) = self.period else {
             // It never changed: nothing measures the motion.
-            return self.travel(Travel::unmeasured(Pose::IDENTITY, elapsed));
+            return self.travel(Travel::unmeasured(self.driven(elapsed), elapsed));
         };
         if unchanged > MAX_GUESS {
             // The robot stands.
@@ -205,25 +207,36 @@ impl Tracker {
         self.travel(Travel::missed(self.velocity, elapsed));
     }
 
+    /// The motion of this time \[s\] at the velocity.
+    fn driven(&self, seconds: f64) -> Pose {
+        let Pose { x, y, heading } = self.velocity;
+        Pose::new(x * seconds, y * seconds, heading * seconds)
+    }
+
     fn travel(&mut self, travel: Travel) {
         self.since_step = self.since_step.then(&travel);
         self.since_correction = self.since_correction.then(&travel);
     }
 
-    /// Updates the velocity, averaged over the last half second, and the period, averaged over the last intervals. Stamps that
-    /// are repeated or go backwards change neither.
     /// Whether it is far faster than any motion that was accepted.
     fn is_jump(&self, moved: Pose, seconds: f64) -> bool {
         self.fastest.is_some_and(|fastest| mean_speed(moved, seconds) > (JUMP * fastest).max(WALKING))
     }
 
+    /// Updates the velocity, averaged over the last half second.
+    fn accelerate(&mut self, moved: Pose, seconds: f64) {
+        let share = (seconds / MIN_ELAPSED).min(1.0);
+        let blend = |old: f64, moved: f64| old + share * (moved / seconds - old);
+        let Pose { x, y, heading } = self.velocity;
+        self.velocity = Pose { x: blend(x, moved.x), y: blend(y, moved.y), heading: blend(heading, moved.heading) };
+    }
+
+    /// Updates the velocity, and the period, averaged over the last intervals. Stamps that are repeated or go backwards change
+    /// neither.
     fn accept(&mut self, moved: Pose, seconds: f64) {
         self.fastest = Some(self.fastest.unwrap_or(0.0).max(mean_speed(moved, seconds)));
         if seconds > 0.0 {
-            let share = (seconds / MIN_ELAPSED).min(1.0);
-            let blend = |old: f64, moved: f64| old + share * (moved / seconds - old);
-            let Pose { x, y, heading } = self.velocity;
-            self.velocity = Pose { x: blend(x, moved.x), y: blend(y, moved.y), heading: blend(heading, moved.heading) };
+            self.accelerate(moved, seconds);
             let seconds = seconds.min(MAX_GUESS);
             self.period = Some(self.period.map_or(seconds, |period| period + PERIOD_SHARE * (seconds - period)));
         }
@@ -242,8 +255,19 @@ impl Tracker {
         self.corrected.then(&self.since_correction.motion(&self.motion, velocity))
     }
 
+    /// Whether the robot can have come this far from the last step since the scan that was matched last.
+    pub fn can_be_driven(&self, step_from_robot: Pose) -> bool {
+        let moved = step_from_robot.seen_from(self.corrected.mean);
+        self.tracking.can_be_driven(moved, self.stamp - self.corrected_at, self.velocity.x.hypot(self.velocity.y))
+    }
+
     /// Sets the motion since the last step to what a scan match found.
     pub fn correct(&mut self, tracked: Motion) {
+        let seconds = self.stamp - self.corrected_at;
+        if self.period.is_none() && seconds > 0.0 {
+            self.accelerate(tracked.mean.seen_from(self.corrected.mean), seconds.min(MAX_GUESS));
+        }
+        self.corrected_at = self.stamp;
         self.corrected = tracked;
         self.is_corrected = true;
         self.since_correction = Travel::default();
@@ -280,8 +304,9 @@ impl Tracker {
             Stall { by_odometry: stalled, tracked: stalled, ..stall }
         });
         self.since_step = Travel::default();
-        self.correct(Motion::none());
+        self.corrected = Motion::none();
         self.is_corrected = false;
+        self.since_correction = Travel::default();
     }
 
     /// Stamps \[s\] of the odometry that was refused, in the order of the log.
@@ -359,6 +384,21 @@ mod tests {
         let Motion { mean, covariance } = tracker.by_odometry();
         assert_eq!((mean, tracker.refused().len()), (Pose::IDENTITY, 0));
         assert!((covariance[(0, 0)].sqrt() - (0.01 + 0.5 * 9.9)).abs() < 1e-6, "{covariance}");
+    }
+
+    /// Without odometry, and scans that show half a metre a second: the robot is expected to drive on.
+    #[test]
+    fn without_odometry_the_robot_drives_on_as_scans_have_shown() {
+        let mut tracker = Tracker::new(CONFIG, TrackingConfig::default());
+        for scan in 0..100 {
+            tracker.add(0.1 * f64::from(scan), Pose::IDENTITY);
+            tracker.correct(Motion { mean: Pose::new(0.05, 0.0, 0.02), ..Motion::none() });
+            tracker.begin_step();
+        }
+        tracker.add(10.0, Pose::IDENTITY);
+        let Motion { mean, covariance } = tracker.tracked();
+        assert!((mean.x - 0.05).abs() < 1e-6 && (mean.heading - 0.02).abs() < 1e-6, "{mean:?}");
+        assert!(covariance[(0, 0)].sqrt() > 0.05, "{covariance}");
     }
 
     #[test]
