@@ -110,7 +110,6 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use std::f64::consts::{FRAC_PI_2, PI};
-    use std::io::Write as _;
 
     fn read_text(text: &[u8]) -> Result<Vec<StampedPose>, LogError> {
         let folder = tempfile::tempdir().unwrap();
