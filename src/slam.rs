@@ -335,8 +335,10 @@ impl Slam {
         let gain = |mode: &Mode| f64::from(mode.log_likelihood) / points.max(1) as f64 - log_outlier;
         let starts = Doubt::starts(least, &covariance, self.config.proposal.capture_sigma);
         let Some(mut mode) = self.match_from(starts, tiles) else { return };
-        if self.doubt.is_poor(gain(&mode)) {
-            // The first starts are the same. Where the walls are new, nothing fits well, and the best of many is not the true place.
+        // A scan soon after the last one sees little that is new: where it fits badly, the motion is not what odometry says.
+        if starts == least && self.doubt.is_poor(gain(&mode)) {
+            // The first starts are the same. Where the walls are new all the same, nothing fits well, and the best of many is not the
+            // true place.
             let again = self.match_from(Doubt::more(starts), tiles);
             mode = again.filter(|again| !self.doubt.is_poor(gain(again))).unwrap_or(mode);
         }
