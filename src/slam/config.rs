@@ -281,7 +281,10 @@ mod tests {
 
     #[test]
     fn a_map_weighed_after_merging_has_one_pose() {
-        let message = SlamConfig { particles: 402, ..SlamConfig::paper() }.validate().unwrap_err().to_string();
+        let mut config = SlamConfig { particles: 402, ..SlamConfig::paper() };
+        assert!(config.validate().is_ok());
+        config.ablation.weigh_merged_map = true;
+        let message = config.validate().unwrap_err().to_string();
         assert!(message.contains("is 402, but has to be the number of maps, which is 201"), "{message}");
     }
 

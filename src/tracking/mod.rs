@@ -62,16 +62,21 @@ impl TrackingConfig {
 
     /// Whether a robot that drove at `speed` \[m/s\] can have made this motion in this time \[s\].
     fn can_be_driven(&self, moved: Pose, seconds: f64, speed: f64) -> bool {
-        let seconds = if seconds > 0.0 { seconds.max(MIN_ELAPSED) } else { MAX_GUESS };
+        let seconds = duration(seconds);
         let distance = moved.x.hypot(moved.y);
         let reachable = (speed + self.max_acceleration * seconds).min(self.max_speed) * seconds;
         moved.is_finite() && distance <= reachable && moved.heading.abs() <= self.max_turn_rate * seconds
     }
 }
 
-/// The speed of a motion \[m/s\]. Stamps jitter, so that a short time is none to go by.
+/// The time in which a motion was made \[s\], by the stamps of its ends: stamps jitter, so that a short time is none to go by.
+fn duration(seconds: f64) -> f64 {
+    if seconds > 0.0 { seconds.max(MIN_ELAPSED) } else { MAX_GUESS }
+}
+
+/// The speed of a motion \[m/s\].
 fn mean_speed(moved: Pose, seconds: f64) -> f64 {
-    moved.x.hypot(moved.y) / seconds.max(MIN_ELAPSED)
+    moved.x.hypot(moved.y) / duration(seconds)
 }
 
 /// The last change of odometry.

@@ -56,10 +56,9 @@ impl Evaluator for Dying {
 /// The drive goes on to the same end, whichever call was the last one, and the failure is told.
 #[test]
 fn the_cpu_does_the_step_again() {
-    for config in [
-        SlamConfig { particles: 8, maps: 4, ..SlamConfig::default() },
-        SlamConfig { particles: 5, maps: 5, ..SlamConfig::paper() },
-    ] {
+    let mut paper = SlamConfig { particles: 5, maps: 5, ..SlamConfig::paper() };
+    (paper.tracking.step_distance, paper.tracking.step_turn) = (0.0, 0.0);
+    for config in [SlamConfig { particles: 8, maps: 4, ..SlamConfig::default() }, paper] {
         let drive = |mut slam: Slam| {
             let entries = Simulation::building(1).open().unwrap().take(150);
             entries.for_each(|entry| slam.add(&entry.unwrap(), &mut |_| ()));
