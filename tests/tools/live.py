@@ -270,7 +270,13 @@ def main():
 
 def start(program, name, options):
     said = open(f"{name}.txt", "w")
-    live = subprocess.Popen([program, "live", "--out", name, *options], stderr=said, stdout=subprocess.DEVNULL)
+    # A shell may have started this with SIGINT ignored, and a signal that is ignored at the start stays ignored.
+    live = subprocess.Popen(
+        [program, "live", "--out", name, *options],
+        stderr=said,
+        stdout=subprocess.DEVNULL,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
     return live, lambda: Path(f"{name}.txt").read_text()
 
 
