@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes benches/accuracy.md: all logs whose truth is known, hard drives, and what maps and particles buy on these.
+# Makes benches/accuracy.md, all logs whose truth is known and hard drives, and benches/particles.md, what maps and particles buy on these.
 #
 #   benches/accuracy.sh DATA [IPSLAM]    folder of logs as docs/formats.md has it (Benchmark); program, by default a release build
 #
@@ -28,8 +28,6 @@ some="noise 8; skip 8; noise 4 skip 4; blank 2; fov 90"
 benchmark() { "$program" benchmark "$@" --force || [ $? = 1 ]; }
 benchmark "$data" --seeds "${SEEDS:-1,2}" --out "$out/logs"
 benchmark "$data/csail" --seeds "${SEEDS:-1,2}" --hard "$hard" --out "$out/hard"
-benchmark "$data/csail" --seeds "${SEEDS:-1,2}" --hard "$some" --maps 1,8,32,32x1024,128 --out "$out/maps"
-
 {
     cat <<'HEAD'
 # Accuracy
@@ -41,6 +39,10 @@ HEAD
     cat "$out/logs/benchmark.md"
     printf '\n## Hard drives\nMIT CSAIL made harder by `ipslam degrade`; the seed is that of the damage and of the run.\n\n'
     cat "$out/hard/benchmark.md"
-    printf '\n## What maps and particles buy\n\n'
-    cat "$out/maps/benchmark.md"
 } >"$here/benches/accuracy.md"
+
+benchmark "$data/csail" --seeds "${SEEDS:-1,2}" --hard "$some" --maps 1,8,32,32x1024,128 --out "$out/maps"
+{
+    printf '# What maps and particles buy\nMade by `benches/accuracy.sh DATA`.\n\n'
+    cat "$out/maps/benchmark.md"
+} >"$here/benches/particles.md"
