@@ -10,7 +10,7 @@ use crate::slam::{Slam, SlamConfig};
 use crate::smoothing::Smoother;
 use web_time::Instant;
 
-pub use verdict::refused_odometry;
+pub use verdict::{NO_ODOMETRY, refused_odometry};
 
 mod verdict;
 

@@ -16,7 +16,7 @@ use crate::evaluator::pose::LocalPose;
 use crate::evaluator::sighting::Sighting;
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::tiles::{Tile, reach, tiles};
-use crate::evaluator::{Evaluator, MODE_TEMPER, Mode, Propagation, Proposal, Scene, Start, best_modes};
+use crate::evaluator::{Evaluator, Propagation, Proposal, Scene, Start};
 use crate::filter::ancestry::Ancestry;
 use crate::filter::resampling::resample;
 use crate::filter::weights::{effective_sample_size, normalised};
@@ -25,7 +25,6 @@ use crate::gpu::DeviceError;
 use crate::log::{LaserReading, LogEntry};
 use crate::loops::{Closed, Keyframe, Loops};
 use crate::map::merging::{MapChange, merge_scan, new_points};
-use crate::map::seen_through::share_behind;
 use crate::map::{LineMap, Map, MapCluster, Pool, Slot};
 use crate::motion::Motion;
 use crate::objects::{Detections, Landmark, ObjectMap, Objects, Observation};
@@ -34,7 +33,7 @@ use crate::random::{Draw, bits, uniform};
 use crate::report::{Estimate, Estimator, Event, Loop, ReportedParticle, RunResult, StageTimes, StepReport, timed};
 use crate::scan::Scan;
 use crate::tracking::Tracker;
-use crate::tracking::doubt::Doubt;
+use crate::tracking::starts::UsualFit;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -42,6 +41,7 @@ use std::sync::Arc;
 pub use config::{FilterConfig, SlamConfig};
 
 mod config;
+mod tracking;
 
 /// A map, and the robot in it.
 #[derive(Clone, Debug)]
@@ -83,14 +83,6 @@ struct Reading {
     covariance: [f32; 6],
 }
 
-/// Modes of a scan match that are compared.
-const MODES: usize = 4;
-/// Log of the odds that a point behind a wall is seen from the right pose \[nats\]: from right poses 3 % of the points are behind
-/// walls, from wrong ones 26 %, so that it is ln(0.03 / 0.26 · 0.74 / 0.97).
-const LOG_BEHIND: f64 = -2.43;
-/// What fewer steps saw may be somebody who walks by, and hides nothing.
-const SURE: u32 = 2;
-
 /// The filter.
 ///
 /// The covariance of an [`Estimate`] is that of the filter at the time of the reading. At a step it is the weighted mean square
@@ -115,7 +107,7 @@ pub struct Slam {
     steps: u32,
     /// The motion since the last step.
     tracker: Tracker,
-    doubt: Doubt,
+    usual_fit: UsualFit,
     loops: Loops,
     /// What a detector of objects sees.
     objects: Option<Objects>,
@@ -159,7 +151,7 @@ impl Slam {
             covariances: vec![[0.0; 6]],
             steps: 0,
             tracker: Tracker::new(config.motion, config.tracking),
-            doubt: Doubt::default(),
+            usual_fit: UsualFit::default(),
             loops: Loops::new(config.closer(), LineMap::default()),
             objects: None,
             earlier: Vec::new(),
@@ -321,74 +313,6 @@ impl Slam {
         self.hypotheses.fill(Hypothesis { map, landmarks, world_from_robot, log_weight: 0.0, score, path: end });
         self.pool.keep_only(self.hypotheses.iter().map(|hypothesis| &hypothesis.map));
         self.table.update(&mut self.pool, world_from_robot);
-    }
-
-    /// Tracks the robot from scan to scan in the best map: odometry, corrected by scan matching.
-    fn track(&mut self, tiles: &[Tile]) {
-        let (least, covariance) = (self.config.tracking.starts as usize, self.tracker.tracked().covariance);
-        if least == 0 || self.steps == 0 {
-            return;
-        }
-        let points: usize = tiles.iter().map(|tile| tile.count as usize).sum();
-        // What the map adds for a point to the likelihood of clutter.
-        let log_outlier = f64::from(self.table.log_outlier());
-        let gain = |mode: &Mode| f64::from(mode.log_likelihood) / points.max(1) as f64 - log_outlier;
-        let starts = Doubt::starts(least, &covariance, self.config.proposal.capture_sigma);
-        let Some(mut mode) = self.match_from(starts, tiles) else { return };
-        // A scan soon after the last one sees little that is new: where it fits badly, the motion is not what odometry says.
-        if starts == least && self.doubt.is_poor(gain(&mode)) {
-            // The first starts are the same. Where the walls are new all the same, nothing fits well, and the best of many is not the
-            // true place.
-            let again = self.match_from(Doubt::more(starts), tiles);
-            mode = again.filter(|again| !self.doubt.is_poor(gain(again))).unwrap_or(mode);
-        }
-        self.doubt.add(gain(&mode));
-        self.tracker.correct(Motion {
-            mean: mode.pose.in_world(self.table.anchor()).seen_from(self.hypotheses[self.best].world_from_robot),
-            covariance: unpacked(mode.information).try_inverse().unwrap_or(covariance),
-        });
-    }
-
-    /// The best pose of the robot in the best map that is reached from this many starts, drawn from the motion.
-    fn match_from(&mut self, starts: usize, tiles: &[Tile]) -> Option<Mode> {
-        let tracked = self.tracker.tracked();
-        let information = tracked.covariance.try_inverse()?;
-        let best = &self.hypotheses[self.best];
-        let expected = LocalPose::new(best.world_from_robot * tracked.mean, self.table.anchor());
-        let how = Propagation {
-            step: self.readings.len() as u32,
-            draw: Draw::Tracking,
-            starts: &[Start { mean: expected, prior: expected }],
-            particles_per_map: starts,
-            // The pose that odometry predicts.
-            exact_first: true,
-            is_heavy_tailed: true,
-            prior_information: packed(&information),
-            ..self.propagation()
-        };
-        let maps = [self.near(&best.map, expected, tiles, how.longest_way())];
-        let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
-        let world_from_step = best.world_from_robot;
-        let moved = |mode: &Mode| mode.pose.in_world(self.table.anchor()).seen_from(world_from_step);
-        let can_be_driven = |mode: &Mode| self.tracker.can_be_driven(moved(mode));
-        let modes = proposals.into_iter().map(|proposal| proposal.mode).filter(can_be_driven);
-        let modes = best_modes(modes, MODES);
-        let [_, _, ..] = modes[..] else { return modes.first().copied() };
-        // Several places fit. What the scan looks through decides as well.
-        let count: u32 = tiles.iter().map(|tile| tile.count).sum();
-        let log_likelihood = |mode: &Mode| LOG_BEHIND * f64::from(count) * self.share_behind(mode.pose, tiles);
-        let score = |mode: &Mode| mode.tempered_log_posterior() + MODE_TEMPER * log_likelihood(mode);
-        modes.into_iter().map(|mode| (score(&mode), mode)).max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, mode)| mode)
-    }
-
-    /// Share of the points of a scan that are behind walls of the best map, from this pose.
-    fn share_behind(&self, pose: LocalPose, tiles: &[Tile]) -> f64 {
-        let slots = self.near(&self.hypotheses[self.best].map, pose, tiles, 0.0);
-        let world_from_robot = pose.in_world(self.table.anchor());
-        let robot = world_from_robot.position();
-        let rays: Vec<_> = tiles.iter().flat_map(Tile::points).map(|point| [robot, world_from_robot * point]).collect();
-        let walls = slots.iter().map(|&slot| self.pool.get(slot));
-        share_behind(&rays, walls.filter(|wall| wall.sightings >= SURE).map(|wall| &wall.cluster))
     }
 
     /// Table I, 6a: draws a pose for every particle from the motion (eq. 17) and, unless scan matching is switched off, from the

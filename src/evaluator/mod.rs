@@ -22,7 +22,6 @@
 //! Everything here is f32 in a frame near the robot, that of the [`ClusterTable`], so that a map kilometres from the
 //! origin keeps its millimetres; the host goes on in f64.
 
-use crate::geometry::wrap_angle;
 use crate::gpu::DeviceError;
 use crate::map::Slot;
 use crate::parameters::parameters;
@@ -153,11 +152,6 @@ impl Mode {
         let log_prior = f64::from(self.log_posterior) - f64::from(self.log_likelihood);
         log_prior + MODE_TEMPER * f64::from(self.log_likelihood)
     }
-
-    fn is_near(&self, other: &Mode) -> bool {
-        let (a, b) = (&self.pose, &other.pose);
-        (a.x - b.x).hypot(a.y - b.y) < APART[0] as f32 && wrap_angle(f64::from(a.heading - b.heading)).abs() < APART[1]
-    }
 }
 
 /// Modes this close together are one \[m, rad\].
@@ -167,13 +161,22 @@ const APART: [f64; 2] = [0.3, 0.1];
 pub fn best_modes(modes: impl Iterator<Item = Mode>, count: usize) -> Vec<Mode> {
     let mut all: Vec<Mode> = modes.filter(|mode| mode.tempered_log_posterior().is_finite()).collect();
     all.sort_by(|a, b| b.tempered_log_posterior().total_cmp(&a.tempered_log_posterior()));
-    let mut best: Vec<Mode> = Vec::new();
-    for mode in all {
-        if best.len() < count && !best.iter().any(|other| mode.is_near(other)) {
-            best.push(mode);
+    distinct(all, count, |one, other| one.pose.is_near(other.pose, APART))
+}
+
+/// The first items of each kind, at most `count`.
+pub(crate) fn distinct<T>(
+    items: impl IntoIterator<Item = T>,
+    count: usize,
+    is_same: impl Fn(&T, &T) -> bool,
+) -> Vec<T> {
+    let mut kept: Vec<T> = Vec::new();
+    for item in items {
+        if kept.len() < count && !kept.iter().any(|other| is_same(&item, other)) {
+            kept.push(item);
         }
     }
-    best
+    kept
 }
 
 /// How poses move that each start from where they are.

@@ -1,6 +1,6 @@
 //! Poses in f32, in a frame near the robot.
 
-use crate::geometry::Pose;
+use crate::geometry::{Pose, wrap_angle};
 use crate::math::sin_cos;
 use bytemuck::{Pod, Zeroable};
 use nalgebra::Point2;
@@ -30,6 +30,12 @@ impl LocalPose {
     /// Back into the world.
     pub fn in_world(self, origin: Point2<f64>) -> Pose {
         Pose::new(f64::from(self.x) + origin.x, f64::from(self.y) + origin.y, f64::from(self.heading))
+    }
+
+    /// Whether two poses are this close together \[m, rad\].
+    pub fn is_near(self, other: Self, [distance, turn]: [f64; 2]) -> bool {
+        f64::from((self.x - other.x).hypot(self.y - other.y)) < distance
+            && wrap_angle(f64::from(self.heading - other.heading)).abs() < turn
     }
 
     /// The pose after a motion (forward, sideways, turn) of the robot. The heading is not wrapped.

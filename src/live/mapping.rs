@@ -9,6 +9,7 @@ use crate::grid::{GridBuilder, OccupancyGrid};
 use crate::io::mcap::FrameNames;
 use crate::log::LogEntry;
 use crate::objects::Landmark;
+use crate::pipeline::NO_ODOMETRY;
 use crate::report::{Estimate, Estimator, Event, RunResult};
 use crate::scan::Scan;
 use crate::slam::Slam;
@@ -114,8 +115,7 @@ impl Estimator for LiveMapping {
         let Self { slam, reporter, walls, effective_sample_size, has_odometry, .. } = self;
         reporter.diagnose(entry.stamp(), || {
             let (open, mut numbers) = judge_loops(slam);
-            let blind = "no odometry: where scans have few features, the distance driven is unknown";
-            let doubts = open.into_iter().chain((!*has_odometry).then(|| blind.to_owned()));
+            let doubts = open.into_iter().chain((!*has_odometry).then(|| NO_ODOMETRY.to_owned()));
             numbers.push(("walls", walls.to_string()));
             numbers.push(("effective sample size", format!("{effective_sample_size:.1}")));
             (doubts.collect(), numbers)

@@ -33,7 +33,7 @@ use crate::report::{
 };
 use crate::scan::Scan;
 use crate::tracking::Tracker;
-use crate::tracking::doubt::LEVER;
+use crate::tracking::starts::LEVER;
 use bins::BIN;
 use clouds::Clouds;
 use drawing::{Drawn, in_order};

@@ -5,7 +5,7 @@ use crate::evaluator::cholesky::Cholesky;
 use crate::evaluator::failover::Failover;
 use crate::evaluator::pose::LocalPose;
 use crate::evaluator::tiles::{Tile, reach, tiles};
-use crate::evaluator::{Advance, ITERATIONS, Propagation, Scene, Start, Weighed};
+use crate::evaluator::{Advance, ITERATIONS, Propagation, Scene, Start, Weighed, distinct};
 use crate::geometry::{Pose, wrap_angle};
 use crate::likelihood::ClusterParams;
 use crate::map::seen_through::share_behind;
@@ -158,29 +158,13 @@ impl OlderMap {
         let scene = Scene { table: &self.map.table, tiles: &query.tiles, maps: &maps };
         let mut weighed = evaluator.advance(&scene, &how, &starts);
         weighed.sort_by(|a, b| b.log_likelihood.total_cmp(&a.log_likelihood));
-        let mut best: Vec<LocalPose> = Vec::new();
-        for Weighed { pose, .. } in weighed {
-            let is_near = |other: &LocalPose| {
-                (pose.x - other.x).hypot(pose.y - other.y) < APART[0] as f32
-                    && wrap_angle(f64::from(pose.heading - other.heading)).abs() < APART[1]
-            };
-            if best.len() == closely {
-                break;
-            }
-            if !best.iter().any(is_near) {
-                best.push(pose);
-            }
-        }
+        let places = weighed.into_iter().map(|Weighed { pose, .. }| pose);
+        let best = distinct(places, closely, |one, other| one.is_near(*other, APART));
         let mut evaluated: Vec<Found> =
             self.climb(&best, query, evaluator).into_iter().map(|pose| self.evaluate(pose, query)).collect();
         evaluated.sort_by(|a, b| b.explained.total_cmp(&a.explained));
-        let mut found: Vec<Found> = Vec::new();
-        for place in evaluated {
-            if !found.iter().any(|other| is_near(other.world_from_robot, place.world_from_robot, APART)) {
-                found.push(place);
-            }
-        }
-        found
+        let is_same = |one: &Found, other: &Found| is_near(other.world_from_robot, one.world_from_robot, APART);
+        distinct(evaluated, closely, is_same)
     }
 
     /// All places near the older path and in the free area, in any direction; neighbours close together.

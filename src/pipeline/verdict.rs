@@ -6,6 +6,8 @@ use crate::report::{Loop, RunResult};
 /// Share of what scans saw that may be gone when they look again: in drives that came out right it is below 0.06, and where
 /// three or six people walk along and mislead the robot above 0.3.
 const MOVING: f64 = 0.2;
+/// What is in doubt without odometry.
+pub const NO_ODOMETRY: &str = "no odometry: where scans have few features, the distance driven is unknown";
 
 impl Outcome {
     /// What is wrong with the log, or happened during the run, which went on.
@@ -98,7 +100,7 @@ impl Outcome {
             ));
         }
         if self.has_no_odometry() {
-            doubts.push("no odometry: where scans have few features, the distance driven is unknown".to_owned());
+            doubts.push(NO_ODOMETRY.to_owned());
         }
         doubts
     }

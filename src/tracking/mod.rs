@@ -15,8 +15,8 @@ use crate::motion::{Motion, MotionConfig, Travel};
 use crate::parameters::parameters;
 use errors::Errors;
 
-pub mod doubt;
 mod errors;
+pub mod starts;
 pub use errors::OdometryErrors;
 
 parameters! {
