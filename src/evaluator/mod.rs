@@ -146,11 +146,14 @@ pub struct Proposal {
 pub(crate) const MODE_TEMPER: f64 = 0.025;
 
 impl Mode {
-    /// Log of the posterior, but for a constant, with a tempered likelihood: taken at their word, two points that a wrong place
-    /// explains would outweigh any odometry.
+    /// Tempered: taken at their word, two points that a wrong place explains would outweigh any odometry.
+    pub fn tempered_log_likelihood(&self) -> f64 {
+        MODE_TEMPER * f64::from(self.log_likelihood)
+    }
+
+    /// Log of the posterior, but for a constant, with the tempered likelihood.
     pub fn tempered_log_posterior(&self) -> f64 {
-        let log_prior = f64::from(self.log_posterior) - f64::from(self.log_likelihood);
-        log_prior + MODE_TEMPER * f64::from(self.log_likelihood)
+        f64::from(self.log_posterior) - f64::from(self.log_likelihood) + self.tempered_log_likelihood()
     }
 }
 

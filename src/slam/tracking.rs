@@ -4,19 +4,13 @@ use super::Slam;
 use crate::evaluator::cholesky::{packed, unpacked};
 use crate::evaluator::pose::LocalPose;
 use crate::evaluator::tiles::Tile;
-use crate::evaluator::{MODE_TEMPER, Mode, Propagation, Scene, Start, best_modes};
-use crate::map::seen_through::share_behind;
+use crate::evaluator::{Mode, Propagation, Scene, Start, best_modes};
 use crate::motion::Motion;
 use crate::random::Draw;
 use crate::tracking::starts::{more, starts};
 
 /// Modes of a scan match that are compared.
 const MODES: usize = 4;
-/// Log of the odds that a point behind a wall is seen from the right pose \[nats\]: from right poses 3 % of the points are behind
-/// walls, from wrong ones 26 %, so that it is ln(0.03 / 0.26 · 0.74 / 0.97).
-const LOG_BEHIND: f64 = -2.43;
-/// What fewer steps saw may be somebody who walks by, and hides nothing.
-const SURE: u32 = 2;
 
 impl Slam {
     /// Tracks the robot from scan to scan in the best map: odometry, corrected by scan matching.
@@ -68,23 +62,11 @@ impl Slam {
         let moved = |mode: &Mode| mode.pose.in_world(self.table.anchor()).seen_from(world_from_step);
         let can_be_driven = |mode: &Mode| self.tracker.can_be_driven(moved(mode));
         let modes = proposals.into_iter().map(|proposal| proposal.mode).filter(can_be_driven);
-        let modes = best_modes(modes, MODES);
-        let [_, _, ..] = modes[..] else { return modes.first().copied() };
-        // Several places fit. What the scan looks through decides as well.
-        let points = count_of(tiles);
-        let log_likelihood = |mode: &Mode| LOG_BEHIND * points * self.share_behind(mode.pose, tiles);
-        let score = |mode: &Mode| mode.tempered_log_posterior() + MODE_TEMPER * log_likelihood(mode);
-        modes.into_iter().map(|mode| (score(&mode), mode)).max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, mode)| mode)
-    }
-
-    /// Share of the points of a scan that are behind walls of the best map, from this pose.
-    fn share_behind(&self, pose: LocalPose, tiles: &[Tile]) -> f64 {
-        let slots = self.near(&self.hypotheses[self.best].map, pose, tiles, 0.0);
-        let world_from_robot = pose.in_world(self.table.anchor());
-        let robot = world_from_robot.position();
-        let rays: Vec<_> = tiles.iter().flat_map(Tile::points).map(|point| [robot, world_from_robot * point]).collect();
-        let walls = slots.iter().map(|&slot| self.pool.get(slot));
-        share_behind(&rays, walls.filter(|wall| wall.sightings >= SURE).map(|wall| &wall.cluster))
+        // Starts and climbs allow for odometry as bad as configured; which of the modes is right is asked of odometry as this drive has
+        // shown it.
+        let log_posterior = |mode: &Mode| self.tracker.log_prior(moved(mode)) + mode.tempered_log_likelihood();
+        let modes = best_modes(modes, MODES).into_iter();
+        modes.max_by(|one, other| log_posterior(one).total_cmp(&log_posterior(other)))
     }
 }
 

@@ -1,6 +1,8 @@
 //! What the odometry of this drive was worth: its errors, as far as scans have shown them, in units of those that are configured.
-//! They are reported and not used: particles drawn more narrowly, as these errors would have it, closed fewer loops.
+//! They decide between the modes of a scan match. Particles are drawn as configured: drawn more narrowly, as these errors would have
+//! it, they closed fewer loops.
 
+use crate::motion::MotionConfig;
 use serde::Serialize;
 
 /// By what the standard deviations of `[motion]` would have to be multiplied; 1 where the scans have shown no error.
@@ -19,11 +21,35 @@ impl Default for OdometryErrors {
 }
 
 /// Errors of motions in standard deviations, in the order of their absolute values.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Errors(Vec<f64>);
 
 /// A normal distribution has half of its errors within so many standard deviations.
 const MEDIAN: f64 = 0.674_489_750_196_082;
+/// Nine errors as they are configured, with which a drive begins: the quantiles from 10 % to 90 %.
+const CONFIGURED: [f64; 9] = [0.126, 0.253, 0.385, 0.524, MEDIAN, 0.842, 1.036, 1.282, 1.645];
+
+impl OdometryErrors {
+    /// The noise of motions with these errors. A stamp that is off shows in both of them. The floors stay: however good odometry is, a
+    /// scan is matched no better.
+    pub(super) fn scaled(&self, configured: &MotionConfig) -> MotionConfig {
+        let &Self { position, heading } = self;
+        MotionConfig {
+            position_per_distance: position * configured.position_per_distance,
+            position_per_turn: position * configured.position_per_turn,
+            heading_per_distance: heading * configured.heading_per_distance,
+            heading_per_turn: heading * configured.heading_per_turn,
+            stamp_error: position.max(heading) * configured.stamp_error,
+            ..*configured
+        }
+    }
+}
+
+impl Default for Errors {
+    fn default() -> Self {
+        Self(CONFIGURED.to_vec())
+    }
+}
 
 impl Errors {
     pub(super) fn add(&mut self, error: f64) {
