@@ -143,6 +143,9 @@ const SAME: [f64; 2] = [0.3, 0.1];
 const DRIFT: f64 = 8.13;
 /// What a loop may cost at all: a match that failed is off by many standard deviations \[nats\].
 const FAILURE: f64 = 100.0;
+/// Two windows that were found agree where they are this close to the way driven between them \[m, rad\]: each is off by some
+/// decimetres, and so may the way be.
+const AGREES: [f64; 2] = [1.0, 0.2];
 /// The path is bent, and looked over for more visits to the same places, this many times.
 const PASSES: usize = 3;
 /// Where the robot was is settled once it has driven this far without a loop that says otherwise \[m\]: the way through several
@@ -231,7 +234,8 @@ impl Loops {
         let new = Tie::new(found.world_from_robot, path, window, near);
         let hypothesis = self.bend(path, &new, window)?;
         let bent = self.drive.moved(whole, &hypothesis.path);
-        let is_closed = hypothesis.cost <= FAILURE && log_likelihood(&bent) >= log_likelihood(whole);
+        let is_believed = hypothesis.is_drift || self.was_found_before(&found, whole);
+        let is_closed = is_believed && hypothesis.cost <= FAILURE && log_likelihood(&bent) >= log_likelihood(whole);
         let step = new.newer;
         self.found.push(Loop {
             stamp: self.drive.keyframes[step].stamp,
@@ -247,6 +251,22 @@ impl Loops {
             self.ties = hypothesis.ties;
             self.rebuild(whole, &hypothesis.path)
         })
+    }
+
+    /// Whether an earlier window, of other metres, was found where this one has it. Next to a room that looks like another one are
+    /// rooms that do not.
+    fn was_found_before(&self, found: &Found, path: &[Pose]) -> bool {
+        let Drive { travelled, moves_with, .. } = &self.drive;
+        let LoopConfig { search_distance, window } = self.config.loops;
+        let Some(now) = travelled.last() else { return false };
+        let agrees = |before: &&Loop| {
+            let step = before.step as usize;
+            let apart = now - travelled[moves_with[step] as usize];
+            let there = pose_of(before.older.map(|older| older as usize), path) * before.older_from_robot;
+            let expected = there * path[path.len() - 1].seen_from(path[step]);
+            (search_distance..=2.0 * window).contains(&apart) && is_near(found.world_from_robot, expected, AGREES)
+        };
+        self.found.iter().any(|before| agrees(&before))
     }
 
     /// Forgets visits to places that are covered, of steps that are settled. Returns the path of what is left.
@@ -324,7 +344,7 @@ impl Loops {
             // The ties of all visits tell where the robot was better than a window does.
             let (path, ties) = self.settle(&chain, path, ties)?;
             let agrees_better = self.agreement(&path, &ties) > self.agreement(&before.path, &known);
-            return agrees_better.then_some(Hypothesis { path, ties, cost });
+            return agrees_better.then_some(Hypothesis { path, ties, cost, is_drift: doubt == Doubt::None });
         }
         None
     }
@@ -358,6 +378,8 @@ struct Hypothesis {
     ties: Vec<Tie>,
     /// The error that the loop adds to the pose graph \[nats\].
     cost: f64,
+    /// Whether the drift explains it, without a match that has failed.
+    is_drift: bool,
 }
 
 /// Matches a scan to walls that are first taken to be thick, so that one some way off is found, and then as they are.
