@@ -1,11 +1,12 @@
 //! Which topics of a bag make the log, and how its lasers are mounted.
 
 use super::frames::{Frames, Mounting};
-use super::messages::{LASER_SCAN, ODOMETRY, TRANSFORMS};
+use super::messages::{IMU, LASER_SCAN, ODOMETRY, TRANSFORMS};
 use super::survey::Survey;
 use super::topics::{SeenTopics, Topic};
 use super::transforms::Repeated;
-use super::{FrameNames, Topics};
+use super::{FrameNames, ImuTopic, Topics};
+use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
 /// Where the entries of a log are to be found in a bag.
@@ -14,6 +15,7 @@ pub(super) struct Plan {
     /// One of each laser.
     pub(super) scan_topics: Vec<String>,
     pub(super) odometry: OdometrySource,
+    pub(super) imu: Option<ImuSource>,
     pub(super) frames: FrameNames,
     /// Of each frame that scans come from; `None` if it is not in the bag.
     pub(super) mountings: BTreeMap<String, Option<Mounting>>,
@@ -30,6 +32,17 @@ pub(super) enum OdometrySource {
     Transforms { topic: String, odom: String, robot: String },
     /// The bag has none.
     Nowhere,
+}
+
+/// The inertial sensor.
+#[derive(Debug)]
+pub(super) struct ImuSource {
+    pub(super) topic: String,
+    /// The axis about which the robot turns, in the frame of the sensor.
+    pub(super) up: Vector3<f64>,
+    pub(super) is_mounted: bool,
+    /// Its clock is not that of the scans: a stamp is the time of receipt, less this \[ns\], by which scans are received late.
+    pub(super) late: Option<i64>,
 }
 
 impl OdometrySource {
@@ -75,7 +88,39 @@ pub(super) fn plan(seen: &Survey, wanted: &Topics) -> Result<Plan, String> {
     }
     let clocks_differ =
         odometry_topic.and_then(|odometry| scans().find_map(|scans| scans.clock.differs_from(&odometry.clock)));
-    Ok(Plan { scan_topics, odometry, frames, mountings, clocks_differ })
+    let first_scans = scans().next();
+    let late = |imu: &Topic| first_scans.filter(|scans| scans.clock.differs_from(&imu.clock).is_some());
+    let imu = imu(&seen.topics, &wanted.imu, &frames.robot, &fixed)?.map(|(topic, up)| ImuSource {
+        up: up.unwrap_or_else(Vector3::z),
+        is_mounted: up.is_some(),
+        late: seen.topics.get(&topic).and_then(late).map(|scans| scans.clock.delay()),
+        topic,
+    });
+    Ok(Plan { scan_topics, odometry, imu, frames, mountings, clocks_differ })
+}
+
+/// The topic of the inertial sensor, and the robot's z axis in its frame, where the transforms join the two. Of several sensors the
+/// first that is joined.
+fn imu(
+    topics: &SeenTopics,
+    wanted: &ImuTopic,
+    robot: &str,
+    fixed: &Frames,
+) -> Result<Option<(String, Option<Vector3<f64>>)>, String> {
+    let with_axis = |name: &str| {
+        let frame = topics.get(name).map_or("", Topic::frame);
+        let mounting = fixed.robot_from_sensor(robot, frame).ok().flatten();
+        (name.to_owned(), mounting.map(|robot_from_imu| robot_from_imu.rotation.inverse() * Vector3::z()))
+    };
+    Ok(match wanted {
+        ImuTopic::None => None,
+        ImuTopic::Named(named) => Some(with_axis(topics.named(named, &[IMU], "--imu")?)),
+        ImuTopic::Any => {
+            let mut all: Vec<_> = topics.of_type(IMU).map(|(name, _)| with_axis(name)).collect();
+            let joined = all.iter().position(|(_, axis)| axis.is_some()).unwrap_or(0);
+            (!all.is_empty()).then(|| all.swap_remove(joined))
+        }
+    })
 }
 
 fn scan_topics(topics: &SeenTopics, named: &[String]) -> Result<Vec<String>, String> {
