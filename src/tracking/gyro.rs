@@ -25,9 +25,9 @@ pub struct GyroUse {
 const FIRST_BIAS: f64 = 0.1;
 /// How far a bias wanders in a second, standard deviation \[rad/s\]: by some 0.01 rad/s in an hour, with the temperature.
 const DRIFT: f64 = 2e-4;
-/// Turns are compared over so long a time at least \[s\]: over less, the scan match is too inexact to show a bias.
+/// Turns are compared over this time at least \[s\]: over less, the scan match is too inexact to show a bias.
 const WINDOW: f64 = 1.0;
-/// A turn tells whether the gyroscope is right where it is so many standard deviations long ...
+/// A turn shows whether the gyroscope is right where it is this many standard deviations long ...
 const SEEN: f64 = 4.0;
 /// ... and the two agree where they differ by no more than this many, ...
 const AGREE: f64 = 3.0;
@@ -81,6 +81,8 @@ impl Default for Gyro {
 impl Gyro {
     /// Takes what the gyroscope measured since the last reading \[rad\].
     pub(super) fn add(&mut self, turn: f64) {
+        // Odometry that is no number is no reading here, and left a turn behind.
+        let turn = self.pending.unwrap_or(0.0) + turn;
         self.pending = turn.is_finite().then_some(turn);
     }
 

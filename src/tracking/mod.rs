@@ -444,6 +444,39 @@ mod tests {
         assert!(covariance[(0, 0)].sqrt() > 0.05, "{covariance}");
     }
 
+    /// The turn is that of the gyroscope, in place of the odometry's, which has none here, and of the guess without odometry.
+    #[test]
+    fn a_gyroscope_that_scans_confirm_measures_turns() {
+        for has_odometry in [false, true] {
+            let (mut tracker, mut odom_from_robot) = (Tracker::new(CONFIG, TrackingConfig::default()), Pose::IDENTITY);
+            let turn = |scan: u32| if (scan / 10).is_multiple_of(2) { 0.05 } else { -0.03 };
+            for scan in 0..100 {
+                if has_odometry {
+                    odom_from_robot = odom_from_robot * Pose::new(0.05, 0.0, 0.0);
+                }
+                if scan > 0 {
+                    tracker.turn(turn(scan));
+                }
+                tracker.add(0.1 * f64::from(scan), odom_from_robot);
+                tracker.correct(Motion { mean: Pose::new(0.05, 0.0, turn(scan)), ..Motion::none() });
+                tracker.begin_step();
+            }
+            tracker.turn(0.2);
+            if has_odometry {
+                odom_from_robot = odom_from_robot * Pose::new(0.05, 0.0, 0.0);
+            }
+            tracker.add(10.0, odom_from_robot);
+            let Motion { mean, covariance } = tracker.tracked();
+            assert!((mean.heading - 0.2).abs() < 1e-3, "{has_odometry}: {mean:?}");
+            // Along an arc, whose chord has half the turn.
+            assert!((mean.x - 0.05 * 0.1_f64.cos()).abs() < 2e-3, "{has_odometry}: {mean:?}");
+            assert!((mean.y - 0.05 * 0.1_f64.sin()).abs() < 2e-3, "{has_odometry}: {mean:?}");
+            // Without odometry nothing else was measured.
+            assert_eq!(covariance[(0, 0)].sqrt() > 0.05, !has_odometry, "{covariance}");
+            assert!(covariance[(2, 2)].sqrt() < 0.02, "{covariance}");
+        }
+    }
+
     #[test]
     fn a_scan_corrects_what_is_tracked_and_a_step_begins_anew() {
         let mut tracker = drive(|_, pose| pose);

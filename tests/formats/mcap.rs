@@ -676,11 +676,12 @@ fn sizes_are_not_taken_at_their_word() {
 }
 
 /// Bags without checksums, so that damage inside of a chunk gets further; written by the writer of this test.
-const SEEDS: [&[u8]; 4] = [
+const SEEDS: [&[u8]; 5] = [
     include_bytes!("../../fuzz/seeds/mcap/none.mcap"),
     include_bytes!("../../fuzz/seeds/mcap/lz4.mcap"),
     include_bytes!("../../fuzz/seeds/mcap/zstd.mcap"),
     include_bytes!("../../fuzz/seeds/mcap/unchunked.mcap"),
+    include_bytes!("../../fuzz/seeds/mcap/imu.mcap"),
 ];
 
 fn assert_sound(outcome: &Outcome) {
@@ -705,13 +706,15 @@ fn assert_sound(outcome: &Outcome) {
 
 fn the_seeds_are_bags() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bag.mcap");
+    let (path, mut turns) = (folder.path().join("bag.mcap"), 0);
     for seed in SEEDS {
         std::fs::write(&path, seed).unwrap();
         let outcome = read(&McapLog::new(&path, &TOPICS).unwrap());
         assert_sound(&outcome);
         assert!(outcome.entries.len() >= 6 && outcome.stats.malformed == 0 && outcome.error.is_none());
+        turns += outcome.stats.turns;
     }
+    assert_eq!(turns, 7, "of the one with an inertial sensor");
 }
 
 proptest! {

@@ -33,7 +33,7 @@
 //! ([`LogStats::clocks_differ`]).
 //!
 //! # Turns by a gyroscope
-//! Of inertial sensors the first one whose mounting the transforms tell counts, or the one that [`Topics`] names. Its rates are turned
+//! Of inertial sensors the first one counts whose mounting is in the transforms, or the one that [`Topics`] names. Its rates are turned
 //! into the robot's frame; where no transforms join the two, its z axis is taken to point up ([`ImuStats::is_mounted`]). A turn stands
 //! before the reading that it ends at. It is missing where rates are more than 0.2 s apart or no numbers. A sensor whose clock is not
 //! that of the scans is taken to be received as late as they are.
