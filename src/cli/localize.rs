@@ -352,7 +352,7 @@ impl Summary<'_> {
             rows.push(("", format!("error {median_error_m:.3} m at the median, {largest_error_m:.3} m at most")));
         }
         rows.push(("odometry", odometry_errors(&self.outcome.result)));
-        rows.extend(gyro(&self.outcome).map(|text| ("gyro", text)));
+        rows.extend(gyro(self.outcome).map(|text| ("gyro", text)));
         let speed = self.log_seconds() / self.outcome.filter_seconds.max(1e-9);
         let first = 1e3 * self.outcome.counts.first_step_seconds;
         rows.push((

@@ -92,7 +92,6 @@ mod with_recorder {
     use serde_json::json;
     use std::cell::RefCell;
     use std::fmt::Write as _;
-    use std::path::Path;
     use std::rc::Rc;
 
     /// Runs the log of a recording again. Errors that the run went on after are returned as a list.

@@ -177,7 +177,7 @@ mod tests {
             let given = gyro.take(0.1);
             let [noise, ..] = normals(3, 0, reading, Draw::Motion);
             gyro.compare(heading + SIGMA * f64::from(noise), SIGMA);
-            if reading % 7 == 0 {
+            if reading.is_multiple_of(7) {
                 gyro.begin_step(heading);
                 heading = 0.0;
             }

@@ -1,5 +1,6 @@
 //! Which topics of a bag make the log, and how its lasers are mounted.
 
+use super::clock::Clock;
 use super::frames::{Frames, Mounting};
 use super::messages::{IMU, LASER_SCAN, ODOMETRY, TRANSFORMS};
 use super::survey::Survey;
@@ -88,37 +89,38 @@ pub(super) fn plan(seen: &Survey, wanted: &Topics) -> Result<Plan, String> {
     }
     let clocks_differ =
         odometry_topic.and_then(|odometry| scans().find_map(|scans| scans.clock.differs_from(&odometry.clock)));
-    let first_scans = scans().next();
-    let late = |imu: &Topic| first_scans.filter(|scans| scans.clock.differs_from(&imu.clock).is_some());
-    let imu = imu(&seen.topics, &wanted.imu, &frames.robot, &fixed)?.map(|(topic, up)| ImuSource {
-        up: up.unwrap_or_else(Vector3::z),
-        is_mounted: up.is_some(),
-        late: seen.topics.get(&topic).and_then(late).map(|scans| scans.clock.delay()),
-        topic,
-    });
+    let scan_clock = scans().next().map(|scans| scans.clock);
+    let imu = imu(seen, &wanted.imu, scan_clock.unwrap_or_default(), &frames.robot, &fixed)?;
     Ok(Plan { scan_topics, odometry, imu, frames, mountings, clocks_differ })
 }
 
-/// The topic of the inertial sensor, and the robot's z axis in its frame, where the transforms join the two. Of several sensors the
-/// first that is joined.
+/// The inertial sensor; of several the first whose mounting on the robot is in the transforms.
 fn imu(
-    topics: &SeenTopics,
+    seen: &Survey,
     wanted: &ImuTopic,
+    scan_clock: Clock,
     robot: &str,
     fixed: &Frames,
-) -> Result<Option<(String, Option<Vector3<f64>>)>, String> {
-    let with_axis = |name: &str| {
-        let frame = topics.get(name).map_or("", Topic::frame);
-        let mounting = fixed.robot_from_sensor(robot, frame).ok().flatten();
-        (name.to_owned(), mounting.map(|robot_from_imu| robot_from_imu.rotation.inverse() * Vector3::z()))
+) -> Result<Option<ImuSource>, String> {
+    let source = |name: &str, topic: &Topic| {
+        let mounting = fixed.robot_from_sensor(robot, topic.frame()).ok().flatten();
+        ImuSource {
+            topic: name.to_owned(),
+            up: mounting.map_or_else(Vector3::z, |robot_from_imu| robot_from_imu.rotation.inverse() * Vector3::z()),
+            is_mounted: mounting.is_some(),
+            late: scan_clock.differs_from(&topic.clock).map(|_| scan_clock.delay()),
+        }
     };
     Ok(match wanted {
         ImuTopic::None => None,
-        ImuTopic::Named(named) => Some(with_axis(topics.named(named, &[IMU], "--imu")?)),
+        ImuTopic::Named(named) => {
+            let named = seen.topics.named(named, &[IMU], "--imu")?;
+            seen.topics.get(named).map(|topic| source(named, topic))
+        }
         ImuTopic::Any => {
-            let mut all: Vec<_> = topics.of_type(IMU).map(|(name, _)| with_axis(name)).collect();
-            let joined = all.iter().position(|(_, axis)| axis.is_some()).unwrap_or(0);
-            (!all.is_empty()).then(|| all.swap_remove(joined))
+            let mut all: Vec<_> = seen.topics.of_type(IMU).map(|(name, topic)| source(name, topic)).collect();
+            let mounted = all.iter().position(|imu| imu.is_mounted).unwrap_or(0);
+            (!all.is_empty()).then(|| all.swap_remove(mounted))
         }
     })
 }
