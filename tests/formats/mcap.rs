@@ -699,8 +699,8 @@ fn assert_sound(outcome: &Outcome) {
         }
     }
     assert!(outcome.stamps().iter().all(|stamp| stamp.is_finite()));
-    let LogStats { laser, odometry, malformed, first_malformed, .. } = &outcome.stats;
-    assert_eq!(laser + odometry, outcome.entries.len() as u64);
+    let LogStats { laser, odometry, turns, malformed, first_malformed, .. } = &outcome.stats;
+    assert_eq!(laser + odometry + turns, outcome.entries.len() as u64);
     assert_eq!(first_malformed.is_some(), *malformed > 0);
 }
 
