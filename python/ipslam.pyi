@@ -36,7 +36,12 @@ __all__ = [
 __version__: str
 
 def read_log(
-    path: _Path, *, scan_topic: str | Sequence[str] | None = None, odom_topic: str | None = None, fov: float | None = None
+    path: _Path,
+    *,
+    scan_topic: str | Sequence[str] | None = None,
+    odom_topic: str | None = None,
+    imu: str | None = None,
+    fov: float | None = None,
 ) -> Log:
     """Open a log: a CARMEN log, plain or gzip, or a ROS bag.
 
@@ -46,6 +51,8 @@ def read_log(
         The file, or the folder of a bag.
     scan_topic, odom_topic
         Topics of a bag, where it has several.
+    imu
+        Topic of the inertial sensor of a bag, whose gyroscope measures turns, or "none"; by default the first whose mounting is known.
     fov
         Field of view of a laser whose log holds only ranges (FLASER).
 

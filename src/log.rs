@@ -19,6 +19,14 @@ pub enum LogEntry {
     },
     /// One sweep of the laser.
     Laser(LaserReading),
+    /// How far the robot has turned since the reading before, by a gyroscope. It stands before the reading of the same stamp; where
+    /// there is none, nothing measured that turn.
+    Turn {
+        /// Seconds.
+        stamp: f64,
+        /// Counter-clockwise, with the bias of the gyroscope \[rad\].
+        by_gyro: f64,
+    },
     /// True pose, where a log has it; never used for mapping.
     Truth {
         /// Seconds.
@@ -32,14 +40,14 @@ impl LogEntry {
     /// Seconds.
     pub fn stamp(&self) -> f64 {
         match self {
-            Self::Odometry { stamp, .. } | Self::Truth { stamp, .. } => *stamp,
+            Self::Odometry { stamp, .. } | Self::Turn { stamp, .. } | Self::Truth { stamp, .. } => *stamp,
             Self::Laser(reading) => reading.stamp,
         }
     }
 
-    /// Whether it is a reading of the robot's sensors: the k-th reading of a log has the k-th pose of a result.
+    /// Whether it is odometry or a sweep: the k-th reading of a log has the k-th pose of a result.
     pub fn is_reading(&self) -> bool {
-        !matches!(self, Self::Truth { .. })
+        matches!(self, Self::Odometry { .. } | Self::Laser(_))
     }
 }
 
@@ -74,6 +82,10 @@ pub struct LogStats {
     pub laser: u64,
     /// Odometry entries handed out.
     pub odometry: u64,
+    /// Turns by a gyroscope handed out.
+    pub turns: u64,
+    /// The inertial sensor of a bag that is read.
+    pub imu: Option<ImuStats>,
     /// Messages of other kinds, by name; by topic, where the log is a bag.
     pub skipped: std::collections::BTreeMap<String, u64>,
     /// Lines, or messages and chunks of a bag, that could not be read and were left out.
@@ -94,6 +106,17 @@ pub struct LogStats {
     pub backward_stamps: u64,
 }
 
+/// The inertial sensor of a bag.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct ImuStats {
+    /// Its topic.
+    pub topic: String,
+    /// Messages with a rate of rotation.
+    pub messages: u64,
+    /// Whether the bag has its mounting; else its z axis was assumed to point up.
+    pub is_mounted: bool,
+}
+
 /// Names of skipped messages that are counted apart; a damaged file could hold any number.
 const MAX_SKIPPED_NAMES: usize = 64;
 /// Under this name the others are counted.
@@ -105,6 +128,7 @@ impl LogStats {
         match entry {
             LogEntry::Odometry { .. } => self.odometry += 1,
             LogEntry::Laser(_) => self.laser += 1,
+            LogEntry::Turn { .. } => self.turns += 1,
             LogEntry::Truth { .. } => {}
         }
         self.backward_stamps += u64::from(entry.stamp() < *last_stamp);

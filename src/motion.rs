@@ -3,7 +3,7 @@
 //! A motion is the pose of the robot at the later time seen from the earlier one, `earlier_from_later`, with a
 //! Gaussian error in the later robot's own frame: forward, sideways, heading.
 
-use crate::geometry::Pose;
+use crate::geometry::{Pose, wrap_angle};
 use crate::parameters::parameters;
 use nalgebra::{Matrix3, Vector3};
 
@@ -83,6 +83,16 @@ impl Travel {
     pub fn unmeasured(mean: Pose, seconds: f64) -> Self {
         let (unmeasured_position, unmeasured_heading) = (UNMEASURED_SPEED * seconds, UNMEASURED_TURN_RATE * seconds);
         Self { mean, unmeasured_position, unmeasured_heading, ..Self::default() }
+    }
+
+    /// The same, where odometry measured another turn than this motion has \[rad\]: its turn is as doubtful as the two differ.
+    pub fn doubting(self, turn: f64) -> Self {
+        Self { turn: self.turn + wrap_angle(turn - self.mean.heading).abs(), ..self }
+    }
+
+    /// The same, where its turn, and no more, was measured.
+    pub fn with_measured_turn(self) -> Self {
+        Self { turn: self.mean.heading.abs(), unmeasured_heading: 0.0, ..self }
     }
 
     /// No motion, with the noise of one that odometry may have missed: at `velocity` \[m/s, m/s, rad/s\] for `seconds` \[s\].

@@ -8,7 +8,7 @@ use crate::map::LineMap;
 use crate::objects::{Landmark, ObjectMap};
 use crate::ppca::Cluster;
 use crate::scan::Scan;
-use crate::tracking::OdometryErrors;
+use crate::tracking::{GyroUse, OdometryErrors};
 use crc32fast::Hasher;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::Serialize;
@@ -232,6 +232,8 @@ pub struct RunResult {
     pub refused_odometry: Vec<f64>,
     /// What the odometry of this drive is worth.
     pub odometry_errors: OdometryErrors,
+    /// What a gyroscope had to say, where the robot has one.
+    pub gyro: Option<GyroUse>,
     /// The loops that were searched for and found, in the order of the log.
     pub loops: Vec<Loop>,
     /// The walls of an earlier drive that the map was made from, as that drive left them.

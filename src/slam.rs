@@ -585,6 +585,10 @@ impl Estimator for Slam {
                 self.tracker.add(reading.stamp, reading.odom_from_robot);
                 self.add_laser(reading, observe);
             }
+            LogEntry::Turn { by_gyro, .. } => {
+                self.tracker.turn(*by_gyro);
+                return;
+            }
             LogEntry::Truth { .. } => return,
         }
         if let Some(reading) = self.readings.last() {
@@ -609,6 +613,7 @@ impl Estimator for Slam {
             poses: self.readings.iter().map(estimate).collect(),
             refused_odometry: self.tracker.refused().to_vec(),
             odometry_errors: self.tracker.odometry_errors(),
+            gyro: self.tracker.gyro(),
             loops: self.loops.found(&path[1..]),
             earlier: self.earlier.clone(),
             looked_through: 0.0,

@@ -36,6 +36,7 @@ fuzz_target!(|data: &[u8]| {
                 assert!(stamp.is_finite() && is_sound(*odom_from_robot));
             }
             LogEntry::Truth { stamp, world_from_robot } => assert!(stamp.is_finite() && is_sound(*world_from_robot)),
+            LogEntry::Turn { .. } => panic!("a CARMEN log has no gyroscope"),
             LogEntry::Laser(reading) => {
                 laser += 1;
                 assert!(reading.stamp.is_finite());

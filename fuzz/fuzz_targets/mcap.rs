@@ -5,7 +5,7 @@
 #![no_main]
 
 use ipslam::geometry::Pose;
-use ipslam::io::mcap::{McapLog, Topics};
+use ipslam::io::mcap::{ImuTopic, McapLog, Topics};
 use ipslam::log::{LogEntry, LogReader, LogSource as _};
 use libfuzzer_sys::fuzz_target;
 use std::f64::consts::PI;
@@ -33,6 +33,7 @@ fn check(reader: &mut dyn LogReader) {
                 odometry += 1;
                 assert!(stamp.is_finite() && is_sound(odom_from_robot));
             }
+            Ok(LogEntry::Turn { stamp, by_gyro }) => assert!(stamp.is_finite() && by_gyro.is_finite()),
             Ok(LogEntry::Truth { .. }) => panic!("a bag has no truth"),
             Ok(LogEntry::Laser(reading)) => {
                 laser += 1;
@@ -55,7 +56,7 @@ fuzz_target!(|data: &[u8]| {
         return;
     }
     // Where there are several topics, these.
-    let chosen = Topics { scan: vec!["/scan".to_owned()], odometry: Some("/odom".to_owned()) };
+    let chosen = Topics { scan: vec!["/scan".to_owned()], odometry: Some("/odom".to_owned()), imu: ImuTopic::Named("/imu".to_owned()) };
     for topics in [Topics::default(), chosen] {
         match McapLog::new(&*BAG, &topics) {
             Ok(log) => log.open().map_or((), |mut reader| check(&mut *reader)),

@@ -14,7 +14,7 @@ fn in_python(text: &str) -> String {
     {
         text = format!("{before}{after}");
     }
-    text.replace("--scan-topic", "scan_topic").replace("--odom-topic", "odom_topic")
+    text.replace("--scan-topic", "scan_topic").replace("--odom-topic", "odom_topic").replace("--imu", "imu")
 }
 
 /// A value that cannot be.

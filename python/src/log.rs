@@ -3,7 +3,7 @@
 use crate::arrays::of_pose;
 use crate::errors::log as log_error;
 use ipslam::io::carmen::CarmenLog;
-use ipslam::io::mcap::Topics;
+use ipslam::io::mcap::{ImuTopic, Topics};
 use ipslam::io::open_log;
 use ipslam::log::{LaserReading, LogEntry, LogReader, LogSource};
 use numpy::PyArray1;
@@ -33,15 +33,17 @@ impl ScanTopics {
 
 /// Open a log: a CARMEN log, plain or gzip, or a ROS bag (its file or folder). `fov` is in radians.
 #[pyfunction]
-#[pyo3(signature = (path, *, scan_topic=None, odom_topic=None, fov=None))]
+#[pyo3(signature = (path, *, scan_topic=None, odom_topic=None, imu=None, fov=None))]
 pub fn read_log(
     py: Python<'_>,
     path: PathBuf,
     scan_topic: Option<ScanTopics>,
     odom_topic: Option<String>,
+    imu: Option<String>,
     fov: Option<f64>,
 ) -> PyResult<Log> {
-    let topics = Topics { scan: scan_topic.map_or_else(Vec::new, ScanTopics::into_names), odometry: odom_topic };
+    let imu = imu.as_deref().map_or(ImuTopic::Any, ImuTopic::named);
+    let topics = Topics { scan: scan_topic.map_or_else(Vec::new, ScanTopics::into_names), odometry: odom_topic, imu };
     let open = || -> Result<Box<dyn LogSource>, ipslam::log::LogError> {
         let source: Box<dyn LogSource> = match fov {
             Some(radians) => Box::new(CarmenLog::new(path).with_field_of_view(radians)),
@@ -86,7 +88,7 @@ impl Readings {
             let next = py.detach(|| self.0.lock().unwrap_or_else(PoisonError::into_inner).next());
             return Ok(match next.transpose().map_err(|error| log_error(&error))? {
                 None => None,
-                Some(LogEntry::Truth { .. }) => continue,
+                Some(LogEntry::Turn { .. } | LogEntry::Truth { .. }) => continue,
                 Some(LogEntry::Odometry { stamp, odom_from_robot }) => {
                     Some(Odometry { stamp, odom: odom_from_robot }.into_pyobject(py)?.into_any().unbind())
                 }

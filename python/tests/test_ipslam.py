@@ -216,5 +216,8 @@ def test_the_program_and_run_write_the_same(log_path, tmp_path):
         ipslam.run(log_path, tmp_path / "none", speed=3)
     wrong = subprocess.run([PROGRAM, "walk"], capture_output=True, text=True)
     assert wrong.returncode == 2 and "walk" in wrong.stderr
+    # The program has `live`; there is no such domain.
+    alone = subprocess.run([PROGRAM, "live", "--domain", "300"], capture_output=True, text=True)
+    assert alone.returncode == 2 and "no domain of DDS" in alone.stderr
     version = subprocess.run([PROGRAM, "--version"], capture_output=True, text=True, check=True)
     assert version.stdout.strip() == f"ipslam {ipslam.__version__}"

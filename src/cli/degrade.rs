@@ -148,7 +148,7 @@ pub fn degrade(args: &DegradeArgs) -> anyhow::Result<()> {
     // What cannot be is refused before a long log is read.
     damage.apply(Vec::new(), *seed)?;
     interrupt::watch()?;
-    let topics = Topics { scan: scan_topic.clone(), odometry: odom_topic.clone() };
+    let topics = Topics { scan: scan_topic.clone(), odometry: odom_topic.clone(), ..Topics::default() };
     let harder = damage.apply(entries(&*open_log(log, &topics)?)?, *seed)?;
     if interrupt::happened() {
         return Ok(());

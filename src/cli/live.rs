@@ -49,6 +49,9 @@ pub struct LiveArgs {
     /// Topic of the odometry messages; where none come, odometry is the transform odom -> robot on /tf
     #[arg(long, value_name = "TOPIC", default_value = "odom")]
     odom_topic: String,
+    /// Topic of the inertial sensor, whose gyroscope measures turns; or none [default: imu and imu/data, whichever comes]
+    #[arg(long, value_name = "TOPIC|none")]
+    imu: Option<String>,
     /// Name space of the node and its topics
     #[arg(long, value_name = "NAME", default_value = "/")]
     namespace: String,
@@ -90,6 +93,8 @@ fn chosen_domain(option: Option<u16>) -> anyhow::Result<u16> {
     }
 }
 
+/// Where inertial sensors are published by convention.
+const IMU: [&str; 2] = ["imu", "imu/data"];
 /// Without a scan for so long there is something to say.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// How often it is asked for.
@@ -180,9 +185,15 @@ impl LiveArgs {
             namespace: format!("/{}", self.namespace.trim_matches('/')),
             scan: self.scan_topic.clone(),
             odometry: self.odom_topic.clone(),
+            imu: match self.imu.as_deref() {
+                None => IMU.map(str::to_owned).to_vec(),
+                Some("none") => Vec::new(),
+                Some(topic) => vec![topic.to_owned()],
+            },
             map_frame: self.map_frame.clone(),
         };
-        let topics = Topics { scan: names.scan.iter().map(|topic| names.absolute(topic)).collect(), odometry: None };
+        let topics =
+            Topics { scan: names.scan.iter().map(|topic| names.absolute(topic)).collect(), ..Topics::default() };
         let mut node = Node::new(names).map_err(usage)?;
         interrupt::watch()?;
         let bag = node.subscribe().map_err(usage)?;

@@ -10,7 +10,7 @@ use super::output::{OutArgs, Outputs};
 use super::progress::run_with_bar;
 use super::recording::RecordingArgs;
 use super::say::{print_line, say};
-use super::summary::{dropped_scans, odometry_errors};
+use super::summary::{dropped_scans, gyro, odometry_errors};
 use super::threads::ThreadArgs;
 use anyhow::{Context as _, anyhow, ensure};
 use ipslam::config::{Config, LocalizationConfig};
@@ -329,6 +329,7 @@ impl Summary<'_> {
                 "times_real_time": self.log_seconds() / self.outcome.filter_seconds.max(1e-9),
             },
             "odometry_errors": self.outcome.result.odometry_errors,
+            "gyro": self.outcome.result.gyro,
             "refused_odometry": self.outcome.result.refused_odometry.len(),
             "evaluator_failure": self.outcome.evaluator_failure,
         })
@@ -351,6 +352,7 @@ impl Summary<'_> {
             rows.push(("", format!("error {median_error_m:.3} m at the median, {largest_error_m:.3} m at most")));
         }
         rows.push(("odometry", odometry_errors(&self.outcome.result)));
+        rows.extend(gyro(self.outcome).map(|text| ("gyro", text)));
         let speed = self.log_seconds() / self.outcome.filter_seconds.max(1e-9);
         let first = 1e3 * self.outcome.counts.first_step_seconds;
         rows.push((

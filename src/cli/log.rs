@@ -3,7 +3,7 @@
 use super::{UsageError, interrupt};
 use anyhow::{Context as _, ensure};
 use ipslam::io::carmen::CarmenLog;
-use ipslam::io::mcap::Topics;
+use ipslam::io::mcap::{ImuTopic, Topics};
 use ipslam::io::{Stream, open_log, open_stream};
 use ipslam::log::LogSource;
 use std::io::{IsTerminal as _, stdin};
@@ -21,6 +21,9 @@ pub struct LogArgs {
     /// Topic of the odometry in a bag: odometry messages or transforms [default: the only odometry, or else /tf]
     #[arg(long, value_name = "TOPIC", requires = "log")]
     odom_topic: Option<String>,
+    /// Topic of the inertial sensor in a bag, whose gyroscope measures turns; or none [default: the first whose mounting is known]
+    #[arg(long, value_name = "TOPIC|none", requires = "log")]
+    imu: Option<String>,
     /// Field of view of a laser whose sweeps hold only ranges (FLASER) [degrees; default: from the log or the number of
     /// beams]
     #[arg(long, value_name = "DEGREES", requires = "log", value_parser = degrees)]
@@ -40,7 +43,8 @@ impl LogArgs {
 
     /// A log that is read as this one is.
     pub fn source_of(&self, path: &Path) -> anyhow::Result<Box<dyn LogSource>> {
-        let topics = Topics { scan: self.scan_topic.clone(), odometry: self.odom_topic.clone() };
+        let imu = self.imu.as_deref().map_or(ImuTopic::Any, ImuTopic::named);
+        let topics = Topics { scan: self.scan_topic.clone(), odometry: self.odom_topic.clone(), imu };
         let field_of_view = self.fov.map(f64::to_radians);
         if is_standard_input(path) {
             return open_standard_input(&topics, field_of_view);

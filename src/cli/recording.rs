@@ -6,9 +6,10 @@ use ipslam::report::Observer;
 use std::path::{Path, PathBuf};
 
 /// Where to record.
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 pub struct RecordingArgs {
-    /// Record every step to this file, for the Rerun viewer and for `ipslam replay`
+    /// Record every step to this file, for the Rerun viewer and for `ipslam replay`; of several logs the second goes to FILE-2.rrd, and
+    /// so on
     #[arg(long, value_name = "FILE.rrd")]
     record: Option<PathBuf>,
     /// How much of each step is recorded
@@ -44,14 +45,29 @@ impl RecordingArgs {
         self.record.is_some() || self.connect.is_some()
     }
 
-    /// The observers that record or show the run.
+    /// The same for the log of this number, from 1.
+    pub fn of_log(&self, number: usize) -> Self {
+        let numbered = |path: PathBuf| {
+            let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+            let ending = path.extension().map_or_else(String::new, |ending| format!(".{}", ending.to_string_lossy()));
+            path.with_file_name(format!("{stem}-{number}{ending}"))
+        };
+        let record = self.record.clone();
+        Self { record: if number > 1 { record.map(numbered) } else { record }, ..self.clone() }
+    }
+
+    /// The observers that record or show a run that reads these files.
     #[cfg(feature = "record")]
-    pub fn observers(&self, info: &RunInfo, input: Option<&Path>) -> anyhow::Result<Vec<Box<dyn Observer>>> {
+    pub fn observers<'a>(
+        &self,
+        info: &RunInfo,
+        inputs: impl IntoIterator<Item = &'a Path>,
+    ) -> anyhow::Result<Vec<Box<dyn Observer>>> {
         use ipslam::record::rerun::RerunObserver;
         let level = self.record_level.into();
         let mut observers: Vec<Box<dyn Observer>> = Vec::new();
         if let Some(path) = &self.record {
-            refuse_input(path, input)?;
+            inputs.into_iter().try_for_each(|input| refuse_input(path, Some(input)))?;
             observers.push(Box::new(RerunObserver::to_file(path, info, level)?));
         }
         if let Some(url) = &self.connect {
@@ -62,7 +78,11 @@ impl RecordingArgs {
 
     /// Without the feature there are none.
     #[cfg(not(feature = "record"))]
-    pub fn observers(&self, _info: &RunInfo, _input: Option<&Path>) -> anyhow::Result<Vec<Box<dyn Observer>>> {
+    pub fn observers<'a>(
+        &self,
+        _info: &RunInfo,
+        _inputs: impl IntoIterator<Item = &'a Path>,
+    ) -> anyhow::Result<Vec<Box<dyn Observer>>> {
         anyhow::ensure!(self.record.is_none() && self.connect.is_none(), "--record and --connect need {FEATURE}");
         Ok(Vec::new())
     }
@@ -95,3 +115,18 @@ pub fn refuse_input(recording: &Path, input: Option<&Path>) -> anyhow::Result<()
 #[cfg(not(feature = "record"))]
 pub const FEATURE: &str = "the feature `record`, which this program was built without; build it with \
                            `cargo build --release --features record`";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_log_has_its_own_recording() {
+        let named =
+            |name: &str| RecordingArgs { record: Some(name.into()), record_level: RecordLevel::Full, connect: None };
+        let of_log = |name, number| named(name).of_log(number).record;
+        assert_eq!(of_log("a/run.rrd", 1), Some("a/run.rrd".into()));
+        assert_eq!(of_log("a/run.rrd", 2), Some("a/run-2.rrd".into()));
+        assert_eq!(of_log("run", 12), Some("run-12".into()));
+    }
+}

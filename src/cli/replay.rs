@@ -1,6 +1,7 @@
 //! `ipslam replay`: runs a recorded log again, and compares what comes out with what was recorded. Recordings of objects are
 //! replayed by `replay_semantic`.
 
+use super::UsageError;
 use super::backend::BackendArgs;
 use super::configuration::ConfigArgs;
 use super::output::OutArgs;
@@ -8,7 +9,8 @@ use super::recording::RecordLevel;
 use super::run::GridArgs;
 use super::threads::ThreadArgs;
 use super::truth::TruthArgs;
-use std::path::PathBuf;
+use anyhow::bail;
+use std::path::{Path, PathBuf};
 
 /// Runs a recorded log again: to verify the recording, or with other options to compare with it.
 #[derive(Debug, clap::Args)]
@@ -42,10 +44,28 @@ pub struct ReplayArgs {
     pub json: bool,
 }
 
+/// For a file of a known other kind the error names the command that reads it; all others are left to the reader.
+fn refuse_other(path: &Path) -> anyhow::Result<()> {
+    let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    let shown = path.display();
+    let what = match &*ending {
+        "json" | "yaml" | "yml" | "pgm" => {
+            format!("this is a map: `ipslam localize {shown} LOG` finds the robot in it")
+        }
+        "clf" | "gz" | "mcap" | "db3" | "bag" => {
+            format!("this is a log: `ipslam run {shown} --record RUN.rrd` makes a recording")
+        }
+        "tum" | "csv" | "kitti" => "this is a trajectory".to_owned(),
+        _ => return Ok(()),
+    };
+    bail!(UsageError(format!("{shown}: {what}; what is replayed is a recording (.rrd) of `ipslam run --record`")))
+}
+
 /// Without the recorder nothing can be replayed.
 #[cfg(not(feature = "record"))]
 pub fn replay(args: &ReplayArgs) -> anyhow::Result<Vec<anyhow::Error>> {
-    anyhow::bail!("{}: replay needs {}", args.recording.display(), super::recording::FEATURE)
+    refuse_other(&args.recording)?;
+    bail!("{}: replay needs {}", args.recording.display(), super::recording::FEATURE)
 }
 
 #[cfg(feature = "record")]
@@ -53,14 +73,13 @@ pub use with_recorder::replay;
 
 #[cfg(feature = "record")]
 mod with_recorder {
-    use super::super::UsageError;
     use super::super::backend::Chosen;
     use super::super::interrupt;
     use super::super::recording::refuse_input;
     use super::super::replay_semantic::replay_mapping;
     use super::super::run::{Job, Printed};
     use super::super::say::{print_line, say};
-    use super::ReplayArgs;
+    use super::{ReplayArgs, refuse_other};
     use anyhow::{bail, ensure};
     use ipslam::config::{Config, SlamConfig};
     use ipslam::grid::drawn;
@@ -73,25 +92,7 @@ mod with_recorder {
     use serde_json::json;
     use std::cell::RefCell;
     use std::fmt::Write as _;
-    use std::path::Path;
     use std::rc::Rc;
-
-    /// For a file of a known other kind the error names the command that reads it; all others are left to the reader.
-    fn refuse_other(path: &Path) -> anyhow::Result<()> {
-        let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-        let shown = path.display();
-        let what = match &*ending {
-            "json" | "yaml" | "yml" | "pgm" => {
-                format!("this is a map: `ipslam localize {shown} LOG` finds the robot in it")
-            }
-            "clf" | "gz" | "mcap" | "db3" | "bag" => {
-                format!("this is a log: `ipslam run {shown} --record RUN.rrd` makes a recording")
-            }
-            "tum" | "csv" | "kitti" => "this is a trajectory".to_owned(),
-            _ => return Ok(()),
-        };
-        bail!(UsageError(format!("{shown}: {what}; what is replayed is a recording (.rrd) of `ipslam run --record`")))
-    }
 
     /// Runs the log of a recording again. Errors that the run went on after are returned as a list.
     pub fn replay(args: &ReplayArgs) -> anyhow::Result<Vec<anyhow::Error>> {

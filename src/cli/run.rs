@@ -34,7 +34,7 @@ pub struct RunArgs {
     #[command(flatten)]
     log: LogArgs,
     /// More logs of the same place, in the order in which they are mapped
-    #[arg(value_name = "MORE LOGS", conflicts_with_all = ["align", "relations", "reference", "record"])]
+    #[arg(value_name = "MORE LOGS", conflicts_with_all = ["align", "relations", "reference"])]
     more: Vec<PathBuf>,
     #[command(flatten)]
     out: OutArgs,
@@ -84,8 +84,10 @@ pub fn run(args: &RunArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     let truth = args.truth.read()?;
     args.threads.start()?;
     let (mut earlier, mut errors) = (args.earlier.clone(), Vec::new());
-    for log in iter::once(args.log.log.as_deref()).chain(args.more.iter().map(|log| Some(log.as_path()))) {
-        let (folder, mut found) = args.map(log, &config, &truth, &earlier)?;
+    let logs = iter::once(args.log.log.as_deref()).chain(args.more.iter().map(|log| Some(log.as_path())));
+    for (log, number) in logs.zip(1..) {
+        let recording = args.recording.of_log(number);
+        let (folder, mut found) = args.map(log, &recording, &config, &truth, &earlier)?;
         errors.append(&mut found);
         if interrupt::happened() {
             break;
@@ -102,6 +104,7 @@ impl RunArgs {
     fn map(
         &self,
         log: Option<&Path>,
+        recording: &RecordingArgs,
         config: &SlamConfig,
         truth: &Truth<'_>,
         earlier: &ContinueArgs,
@@ -118,7 +121,8 @@ impl RunArgs {
         let (continues, earlier_grid) = earlier.map(|Earlier { continued, grid }| (continued, grid)).unzip();
         let reading = continues.as_ref().map_or(0, |continued| continued.first_scan);
         let info = RunInfo { log: source.name(), device, config: Config::Slam(*config), continues };
-        let mut observers = self.recording.observers(&info, log)?;
+        let inputs = self.log.log.iter().chain(&self.more).map(PathBuf::as_path);
+        let mut observers = recording.observers(&info, inputs)?;
         let job = Job {
             source: &ScansFrom { source: &*source, reading },
             detections: detections.as_ref(),

@@ -202,6 +202,7 @@ mod tests {
                 LogEntry::Laser(reading) => laser.push(reading),
                 LogEntry::Odometry { .. } => odometry += 1,
                 LogEntry::Truth { world_from_robot, .. } => truth.push(world_from_robot),
+                LogEntry::Turn { .. } => {}
             }
         }
         assert_eq!((laser.len(), odometry, truth.len()), (201, 401, 201));

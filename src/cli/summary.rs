@@ -5,7 +5,7 @@ use ipslam::config::SlamConfig;
 use ipslam::geometry::Pose;
 use ipslam::pipeline::{Continued, End, Outcome};
 use ipslam::report::{RunResult, StageTimes};
-use ipslam::tracking::OdometryErrors;
+use ipslam::tracking::{GyroUse, OdometryErrors};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -126,6 +126,7 @@ impl Summary<'_> {
                 },
             },
             "odometry_errors": mapped.result.odometry_errors,
+            "gyro": mapped.result.gyro,
             "loops": mapped.result.loops,
             "verdict": if doubts.is_empty() { "consistent" } else { "doubtful" },
             "doubts": doubts,
@@ -209,13 +210,14 @@ impl Summary<'_> {
             let degrees = heading.to_degrees();
             ("", format!("goes on with {name}, from ({x:.2}, {y:.2}) m, {degrees:.0}° in it"))
         });
+        let gyro = gyro(mapped).map(|text| ("gyro", text));
         let memory = peak_memory().map(|bytes| ("memory", format!("{:.0} MB at most", bytes as f64 / 1e6)));
         let verdict = mapped.doubts().into_iter().map(|doubt| ("doubtful", doubt));
         let warnings = self.warnings().into_iter().map(|warning| ("warning", warning)).chain(verdict);
         let mut table = String::new();
         let [log, others @ ..] = rows;
         for (label, text) in
-            [log].into_iter().chain(continues).chain(others).chain(objects).chain(memory).chain(warnings)
+            [log].into_iter().chain(continues).chain(others).chain(gyro).chain(objects).chain(memory).chain(warnings)
         {
             let _ = writeln!(table, "{label:<8} {text}");
         }
@@ -233,6 +235,13 @@ pub fn odometry_errors(result: &RunResult) -> String {
     format!(
         "errs {position:.2} times as much as expected in positions, {heading:.2} times in headings, by its motions against the scans"
     )
+}
+
+/// What the gyroscope had to say, where a bag has one.
+pub fn gyro(outcome: &Outcome) -> Option<String> {
+    let (GyroUse { measured, believed, bias, .. }, imu) = outcome.result.gyro.zip(outcome.stats.imu.as_ref())?;
+    let (topic, readings) = (&imu.topic, outcome.result.poses.len());
+    Some(format!("{topic}: turns of {measured} of {readings} readings, {believed} believed; bias {bias:.4} rad/s"))
 }
 
 /// What to say of scans that a live drive dropped.

@@ -116,7 +116,7 @@ fn refusal(path: &Path, begin: &[u8], topics: &Topics) -> Option<LogError> {
     } else if begin.starts_with(b"\x28\xb5\x2f\xfd") {
         ("the whole file is packed by zstd", "unpack it first: `zstd -d FILE`")
     } else if *topics != Topics::default() {
-        ("this is no bag", "only a bag has topics to choose from (--scan-topic, --odom-topic)")
+        ("this is no bag", "only a bag has topics to choose from (--scan-topic, --odom-topic, --imu)")
     } else {
         return None;
     };

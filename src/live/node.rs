@@ -22,6 +22,8 @@ pub struct Names {
     pub scan: Vec<String>,
     /// Topic of the odometry messages.
     pub odometry: String,
+    /// Topics of inertial sensors.
+    pub imu: Vec<String>,
     /// Frame of the map.
     pub map_frame: String,
 }
@@ -164,7 +166,8 @@ impl Node {
             ("/tf_static", TRANSFORMS, LATCHED.history(History::KeepLast { depth: 100 })),
         ];
         let mut readers = Vec::new();
-        for (name, message_type, qos) in scans.chain(of_robot) {
+        let imu = names.imu.iter().map(|name| (name.as_str(), ["sensor_msgs", "Imu"], SENSOR));
+        for (name, message_type, qos) in scans.chain(imu).chain(of_robot) {
             let topic = Maker { node: &mut self.node, names }.topic(name, message_type, &qos)?;
             let reader = self.context.domain_participant().create_subscriber(&(&qos).into());
             let reader = reader.and_then(|by| by.create_simple_datareader_no_key::<_, Raw>(&topic, None));

@@ -111,7 +111,7 @@ fn back(
         let mirrored = match entry.clone() {
             LogEntry::Odometry { stamp, odom_from_robot } => LogEntry::Odometry { stamp: -stamp, odom_from_robot },
             LogEntry::Laser(reading) => LogEntry::Laser(LaserReading { stamp: -reading.stamp, ..reading }),
-            truth @ LogEntry::Truth { .. } => truth,
+            no_reading @ (LogEntry::Turn { .. } | LogEntry::Truth { .. }) => no_reading,
         };
         let Some(estimate) = estimate(&mut filter, &mirrored) else { continue };
         hidden.add(&estimate);

@@ -315,6 +315,10 @@ impl Estimator for Localization {
     fn add(&mut self, entry: &LogEntry, observe: &mut dyn FnMut(&Event<'_>)) {
         let (stamp, odom_from_robot) = match entry {
             LogEntry::Truth { .. } => return,
+            LogEntry::Turn { by_gyro, .. } => {
+                self.tracker.turn(*by_gyro);
+                return;
+            }
             LogEntry::Odometry { stamp, odom_from_robot } => {
                 self.tracker.add(*stamp, *odom_from_robot);
                 (*stamp, *odom_from_robot)
@@ -347,6 +351,7 @@ impl Estimator for Localization {
             poses: self.estimates.clone(),
             refused_odometry: self.tracker.refused().to_vec(),
             odometry_errors: self.tracker.odometry_errors(),
+            gyro: self.tracker.gyro(),
             loops: Vec::new(),
             earlier: Vec::new(),
             looked_through: 0.0,

@@ -1,6 +1,7 @@
 //! Whether the result of a run can be relied on, by what is known without the truth.
 
 use super::{End, Outcome};
+use crate::log::ImuStats;
 use crate::report::{Loop, RunResult};
 
 /// Share of what scans saw that may be gone when they look again: in drives that came out right it is below 0.06, and where
@@ -44,6 +45,17 @@ impl Outcome {
             warnings.push(
                 "the bag has no mounting of the laser (no chain of fixed transforms on /tf_static or /tf): the laser was assumed to be at the robot's \
                  origin, facing forward"
+                    .to_owned(),
+            );
+        }
+        if let Some(ImuStats { topic, is_mounted: false, messages: 1.. }) = &stats.imu {
+            warnings.push(format!(
+                "the bag has no mounting of the inertial sensor on {topic}: its z axis was assumed to point up (option --imu)"
+            ));
+        }
+        if self.result.gyro.is_some_and(|gyro| gyro.believed == 0) {
+            warnings.push(
+                "the gyroscope was not believed: the robot has hardly turned, or not as the gyroscope has it (its                  mounting, its unit?)"
                     .to_owned(),
             );
         }

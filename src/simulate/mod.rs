@@ -262,7 +262,7 @@ impl Iterator for SimulationReader {
         match entry {
             LogEntry::Odometry { .. } => self.stats.odometry += 1,
             LogEntry::Laser(_) => self.stats.laser += 1,
-            LogEntry::Truth { .. } => {}
+            LogEntry::Turn { .. } | LogEntry::Truth { .. } => {}
         }
         Some(Ok(entry))
     }

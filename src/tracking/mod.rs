@@ -9,17 +9,21 @@
 //! - Odometry that stops changing means that the robot stands or that odometry is late. The noise then covers the distance that
 //!   the robot would have driven at its velocity. When odometry changes again, its motion starts at the pose where it stopped
 //!   changing, not at the pose to which scans have tracked the robot since.
+//! - Where a gyroscope measured a turn, it counts in place of that of the odometry.
 
 use crate::evaluator::PRIOR_TAIL;
-use crate::geometry::Pose;
+use crate::geometry::{Pose, wrap_angle};
 use crate::motion::{Motion, MotionConfig, Travel};
 use crate::parameters::parameters;
 use errors::Errors;
+use gyro::Gyro;
 use nalgebra::Vector3;
 
 mod errors;
+mod gyro;
 pub mod starts;
 pub use errors::OdometryErrors;
+pub use gyro::GyroUse;
 
 parameters! {
     /// How the robot is tracked between steps, and when a step is taken.
@@ -81,6 +85,12 @@ fn mean_speed(moved: Pose, seconds: f64) -> f64 {
     moved.x.hypot(moved.y) / duration(seconds)
 }
 
+/// A motion of the same length along an arc of another turn \[rad\].
+fn turning(moved: Pose, turn: f64) -> Pose {
+    let chord = Pose::new(0.0, 0.0, 0.5 * wrap_angle(turn - moved.heading)) * Pose { heading: 0.0, ..moved };
+    Pose::new(chord.x, chord.y, turn)
+}
+
 /// The last change of odometry.
 #[derive(Clone, Copy, Debug)]
 struct Change {
@@ -106,6 +116,9 @@ pub struct Tracker {
     /// Stamp of the last reading \[s\].
     stamp: f64,
     stall: Option<Stall>,
+    gyro: Gyro,
+    /// How far the robot has turned by the gyroscope since odometry changed \[rad\]; `None` where that was not measured throughout.
+    turned: Option<f64>,
     /// Time from one change of odometry to the next, on average \[s\].
     period: Option<f64>,
     /// Velocity by the motions that were accepted: forward and sideways \[m/s\], turn \[rad/s\].
@@ -135,6 +148,8 @@ impl Tracker {
             last: None,
             stamp: 0.0,
             stall: None,
+            gyro: Gyro::default(),
+            turned: None,
             period: None,
             velocity: Pose::IDENTITY,
             fastest: None,
@@ -150,6 +165,11 @@ impl Tracker {
         }
     }
 
+    /// Adds how far the robot has turned since the last reading, by a gyroscope \[rad\]; before the reading that has the motion.
+    pub fn turn(&mut self, by_gyro: f64) {
+        self.gyro.add(by_gyro);
+    }
+
     /// Adds the motion since the last reading. Poses that are not finite are refused and have no other effect.
     pub fn add(&mut self, stamp: f64, odom_from_robot: Pose) {
         if !odom_from_robot.is_finite() {
@@ -158,16 +178,22 @@ impl Tracker {
         }
         let before = std::mem::replace(&mut self.stamp, stamp);
         let elapsed = (stamp - before).clamp(0.0, MAX_GUESS);
+        let turn = self.gyro.take((stamp - before).max(0.0));
+        let turned = self.turned.zip(turn).map(|(before, turn)| before + turn);
+        self.turned = turned;
         let Some(last) = self.last else {
             self.last = Some(Change { stamp, odom_from_robot });
+            self.turned = Some(0.0);
             return;
         };
         if last.odom_from_robot == odom_from_robot {
-            self.stand(stamp - last.stamp, elapsed);
+            self.stand(stamp - last.stamp, elapsed, turn);
             return;
         }
         self.last = Some(Change { stamp, odom_from_robot });
-        let moved = odom_from_robot.seen_from(last.odom_from_robot);
+        self.turned = Some(0.0);
+        let by_odometry = odom_from_robot.seen_from(last.odom_from_robot);
+        let moved = turned.map_or(by_odometry, |turn| turning(by_odometry, turn));
         // Odometry is late by a second at most: a robot that stood for an hour cannot have driven a mile since.
         let seconds = stamp - last.stamp.max(before - MAX_GUESS);
         let speed = self.velocity.x.hypot(self.velocity.y);
@@ -177,11 +203,11 @@ impl Tracker {
         self.was_faster = can_be_driven && !was_faster && self.is_jump(moved, seconds);
         if !can_be_driven || self.was_faster {
             self.refused.push(stamp);
-            self.travel(Travel::unmeasured(self.driven(elapsed), elapsed));
+            self.travel(self.guess(elapsed, turn));
             return;
         }
         self.accept(moved, seconds);
-        let mut travel = Travel::measured(moved);
+        let mut travel = Travel::measured(moved).doubting(by_odometry.heading);
         if let Some(Stall { by_odometry, tracked, missed }) = stall {
             self.since_step = self.since_step.moved_to(by_odometry);
             self.since_correction = self.since_correction.moved_to(tracked.seen_from(self.corrected.mean));
@@ -192,14 +218,14 @@ impl Tracker {
     }
 
     /// Odometry has not changed for `unchanged` \[s\], `elapsed` of them since the last reading.
-    fn stand(&mut self, unchanged: f64, elapsed: f64) {
+    fn stand(&mut self, unchanged: f64, elapsed: f64, turn: Option<f64>) {
         if self.tracking.starts == 0 {
             // No scan would find what odometry missed, and noise of a metre is more than particles from odometry alone can fill.
             return;
         }
         let Some(period) = self.period else {
             // It never changed: nothing measures the motion.
-            return self.travel(Travel::unmeasured(self.driven(elapsed), elapsed));
+            return self.travel(self.guess(elapsed, turn));
         };
         if unchanged > MAX_GUESS {
             // The robot stands.
@@ -214,10 +240,14 @@ impl Tracker {
         self.travel(Travel::missed(self.velocity, elapsed));
     }
 
-    /// The motion of this time \[s\] at the velocity.
-    fn driven(&self, seconds: f64) -> Pose {
+    /// The motion of this time \[s\] at the velocity; its turn where it was measured.
+    fn guess(&self, seconds: f64, turn: Option<f64>) -> Travel {
         let Pose { x, y, heading } = self.velocity;
-        Pose::new(x * seconds, y * seconds, heading * seconds)
+        let driven = Pose::new(x * seconds, y * seconds, heading * seconds);
+        turn.map_or_else(
+            || Travel::unmeasured(driven, seconds),
+            |turn| Travel::unmeasured(turning(driven, turn), seconds).with_measured_turn(),
+        )
     }
 
     fn travel(&mut self, travel: Travel) {
@@ -289,6 +319,8 @@ impl Tracker {
         if self.period.is_none() && seconds > 0.0 {
             self.accelerate(tracked.mean.seen_from(self.corrected.mean), seconds.min(MAX_GUESS));
         }
+        let sigma = tracked.covariance[(2, 2)].max(0.0).sqrt() + self.motion.heading_floor;
+        self.gyro.compare(tracked.mean.heading, sigma);
         self.corrected_at = self.stamp;
         self.corrected = tracked;
         self.is_corrected = true;
@@ -298,6 +330,11 @@ impl Tracker {
     /// What the odometry of this drive is worth.
     pub fn odometry_errors(&self) -> OdometryErrors {
         OdometryErrors { position: self.position_errors.factor(), heading: self.heading_errors.factor() }
+    }
+
+    /// What a gyroscope had to say; `None` where there is none.
+    pub fn gyro(&self) -> Option<GyroUse> {
+        self.gyro.used()
     }
 
     /// Compares what odometry has measured since the last step with what the scans make of it.
@@ -321,6 +358,7 @@ impl Tracker {
     pub fn begin_step(&mut self) {
         self.compare();
         let now = self.tracked().mean;
+        self.gyro.begin_step(now.heading);
         self.stall = self.stall.map(|stall| {
             let stalled = stall.tracked.seen_from(now);
             Stall { by_odometry: stalled, tracked: stalled, ..stall }
@@ -444,6 +482,39 @@ mod tests {
         let (shown, expected) = (at(&tracker, 0.3), log_prior(0.3 / (0.01 + 0.1 * 0.005)));
         assert!((shown - expected).abs() < 0.02 * expected.abs(), "{shown} {expected}");
         assert!(at(&tracker, 0.3) < at(&tracker, 0.2) && at(&tracker, 0.0) == 0.0);
+    }
+
+    /// The turn is that of the gyroscope, in place of the odometry's, which has none here, and of the guess without odometry.
+    #[test]
+    fn a_gyroscope_that_scans_confirm_measures_turns() {
+        for has_odometry in [false, true] {
+            let (mut tracker, mut odom_from_robot) = (Tracker::new(CONFIG, TrackingConfig::default()), Pose::IDENTITY);
+            let turn = |scan: u32| if (scan / 10).is_multiple_of(2) { 0.05 } else { -0.03 };
+            for scan in 0..100 {
+                if has_odometry {
+                    odom_from_robot = odom_from_robot * Pose::new(0.05, 0.0, 0.0);
+                }
+                if scan > 0 {
+                    tracker.turn(turn(scan));
+                }
+                tracker.add(0.1 * f64::from(scan), odom_from_robot);
+                tracker.correct(Motion { mean: Pose::new(0.05, 0.0, turn(scan)), ..Motion::none() });
+                tracker.begin_step();
+            }
+            tracker.turn(0.2);
+            if has_odometry {
+                odom_from_robot = odom_from_robot * Pose::new(0.05, 0.0, 0.0);
+            }
+            tracker.add(10.0, odom_from_robot);
+            let Motion { mean, covariance } = tracker.tracked();
+            assert!((mean.heading - 0.2).abs() < 1e-3, "{has_odometry}: {mean:?}");
+            // Along an arc, whose chord has half the turn.
+            assert!((mean.x - 0.05 * 0.1_f64.cos()).abs() < 2e-3, "{has_odometry}: {mean:?}");
+            assert!((mean.y - 0.05 * 0.1_f64.sin()).abs() < 2e-3, "{has_odometry}: {mean:?}");
+            // Without odometry nothing else was measured.
+            assert_eq!(covariance[(0, 0)].sqrt() > 0.05, !has_odometry, "{covariance}");
+            assert!(covariance[(2, 2)].sqrt() < 0.02, "{covariance}");
+        }
     }
 
     #[test]

@@ -43,7 +43,7 @@ fn readings(entries: &[LogEntry]) -> Vec<Reading> {
     let reading = |entry: &LogEntry| match entry {
         LogEntry::Odometry { stamp, odom_from_robot } => Some((*stamp, *odom_from_robot, None)),
         LogEntry::Laser(reading) => Some((reading.stamp, reading.odom_from_robot, Some(reading.ranges.clone()))),
-        LogEntry::Truth { .. } => None,
+        LogEntry::Turn { .. } | LogEntry::Truth { .. } => None,
     };
     entries.iter().filter_map(reading).collect()
 }

@@ -223,7 +223,7 @@ fn odometry_that_cannot_be_true_is_bridged() {
             match &mut entry {
                 LogEntry::Odometry { odom_from_robot, .. } => *odom_from_robot = spoil(number, *odom_from_robot),
                 LogEntry::Laser(reading) => reading.odom_from_robot = spoil(number, reading.odom_from_robot),
-                LogEntry::Truth { .. } => {}
+                LogEntry::Turn { .. } | LogEntry::Truth { .. } => {}
             }
             slam.add(&entry, &mut |_| {});
         }
@@ -244,6 +244,75 @@ fn odometry_that_cannot_be_true_is_bridged() {
         println!("seed {SEED}, {name}: {error:.4} m, as driven {as_driven:.4} m; {refused} refused");
         assert!(error < as_driven + 0.03, "seed {SEED}, {name}: {error} m, as driven {as_driven} m");
         assert!((least..least + 2).contains(&refused), "seed {SEED}, {name}: {refused} refused");
+    }
+}
+
+/// The turn at each reading by a gyroscope whose bias is 0.03 rad/s, from the true poses; `spoil` changes what it says.
+fn with_turns(simulation: &Simulation, spoil: impl Fn(f64, f64) -> Option<f64>) -> Vec<LogEntry> {
+    let truth: Vec<_> = simulation.truth().collect();
+    let heading = |stamp: f64| {
+        let after = truth.partition_point(|true_pose| true_pose.stamp < stamp).clamp(1, truth.len() - 1);
+        let (from, to) = (truth[after - 1], truth[after]);
+        from.pose.interpolated(to.pose, (stamp - from.stamp) / (to.stamp - from.stamp)).heading
+    };
+    let (mut last, mut entries) = (None, Vec::new());
+    for entry in simulation.open().unwrap().map(Result::unwrap) {
+        let stamp = entry.stamp();
+        if let Some(last) = last.filter(|_| entry.is_reading()) {
+            let turn = wrap_angle(heading(stamp) - heading(last)) + 0.03 * (stamp - last);
+            entries.extend(spoil(stamp, turn).map(|by_gyro| LogEntry::Turn { stamp, by_gyro }));
+        }
+        last = if entry.is_reading() { Some(stamp) } else { last };
+        entries.push(entry);
+    }
+    entries
+}
+
+/// Odometry that turns half as far as the robot does: with a gyroscope the way by odometry is right again, and a gyroscope that is
+/// wrong does no harm.
+#[test]
+fn a_gyroscope_measures_turns() {
+    let simulation = simulation(60.0);
+    let truth = truth(&simulation);
+    let drive = |spoil: &dyn Fn(f64, f64) -> Option<f64>| {
+        let (mut slam, mut odometry) = (Slam::new(few_maps()), None);
+        let mut by_odometry = Pose::IDENTITY;
+        for mut entry in with_turns(&simulation, spoil) {
+            let pose = match &mut entry {
+                LogEntry::Odometry { odom_from_robot, .. } => odom_from_robot,
+                LogEntry::Laser(LaserReading { odom_from_robot, .. }) => odom_from_robot,
+                LogEntry::Turn { .. } | LogEntry::Truth { .. } => {
+                    slam.add(&entry, &mut |_| {});
+                    continue;
+                }
+            };
+            let moved = pose.seen_from(odometry.replace(*pose).unwrap_or(*pose));
+            by_odometry = by_odometry * Pose { heading: 0.5 * moved.heading, ..moved };
+            *pose = by_odometry;
+            slam.add(&entry, &mut |_| {});
+        }
+        let result = slam.result();
+        (absolute_error(&result.trajectory(), &truth), result.odometry_errors.heading, result.gyro)
+    };
+    let (without, heading, gyro) = drive(&|_, _| None);
+    assert_eq!(gyro, None);
+    let (error, better, gyro) = drive(&|_, turn| Some(turn));
+    let gyro = gyro.unwrap();
+    println!(
+        "seed {SEED}: {error:.4} m and headings {better:.3} with a gyroscope, {without:.4} m and {heading:.3} without; {gyro:?}"
+    );
+    assert!((gyro.bias - 0.03).abs() < 0.005, "seed {SEED}: {gyro:?}");
+    assert!(gyro.believed as f64 > 0.7 * gyro.measured as f64, "seed {SEED}: {gyro:?}");
+    assert!(error < 0.1 && better < 0.5 * heading, "seed {SEED}: {error} m, {better}, without {without} m, {heading}");
+    for (name, spoil) in [
+        ("upside down", &(|_, turn: f64| Some(-turn)) as &dyn Fn(f64, f64) -> Option<f64>),
+        ("stuck after 30 s", &|stamp, turn| Some(if stamp < 30.0 { turn } else { 0.05 })),
+        ("gaps", &|stamp, turn| (stamp % 4.0 < 3.0).then_some(turn)),
+        ("no numbers", &|stamp, turn| Some(if stamp % 4.0 < 3.0 { turn } else { f64::NAN })),
+    ] {
+        let (error, _, gyro) = drive(spoil);
+        println!("seed {SEED}, {name}: {error:.4} m, {gyro:?}");
+        assert!(error < without.max(0.1) + 0.03, "seed {SEED}, {name}: {error} m, {without} m without, {gyro:?}");
     }
 }
 

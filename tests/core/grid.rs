@@ -25,7 +25,7 @@ fn driven() -> (OccupancyGrid, Vec<Point2<f64>>) {
                 builder.add_scan(&scan, reading.robot_from_laser, world_from_robot);
                 path.push(world_from_robot.position());
             }
-            LogEntry::Odometry { .. } => {}
+            LogEntry::Odometry { .. } | LogEntry::Turn { .. } => {}
         }
     }
     assert!(path.len() > 1000, "{} scans", path.len());

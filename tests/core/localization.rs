@@ -28,7 +28,7 @@ fn readings(simulation: &Simulation) -> Vec<(LogEntry, Pose)> {
     for entry in simulation.open().unwrap() {
         let entry = entry.unwrap();
         let stamp = match &entry {
-            LogEntry::Truth { .. } => continue,
+            LogEntry::Turn { .. } | LogEntry::Truth { .. } => continue,
             LogEntry::Odometry { stamp, .. } => *stamp,
             LogEntry::Laser(reading) => reading.stamp,
         };
@@ -161,14 +161,14 @@ fn a_robot_that_is_carried_away_is_found_again() {
     let odometry = |entry: &LogEntry| match entry {
         LogEntry::Odometry { odom_from_robot, .. } => *odom_from_robot,
         LogEntry::Laser(reading) => reading.odom_from_robot,
-        LogEntry::Truth { .. } => Pose::IDENTITY,
+        LogEntry::Turn { .. } | LogEntry::Truth { .. } => Pose::IDENTITY,
     };
     let shift = odometry(&before[before.len() - 1].0) * odometry(&after[0].0).inverse();
     for (entry, _) in &mut after {
         match entry {
             LogEntry::Odometry { odom_from_robot, .. } => *odom_from_robot = shift * *odom_from_robot,
             LogEntry::Laser(reading) => reading.odom_from_robot = shift * reading.odom_from_robot,
-            LogEntry::Truth { .. } => {}
+            LogEntry::Turn { .. } | LogEntry::Truth { .. } => {}
         }
     }
     let apart = (before[before.len() - 1].1.position() - after[0].1.position()).norm();

@@ -285,6 +285,7 @@ fn run() -> (RunResult, Vec<(Scan, Pose, Pose)>) {
             poses,
             refused_odometry: Vec::new(),
             odometry_errors: OdometryErrors::default(),
+            gyro: None,
             loops: Vec::new(),
             earlier: Vec::new(),
             looked_through: 0.0,

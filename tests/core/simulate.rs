@@ -132,7 +132,7 @@ fn sweeps(simulation: &Simulation) -> Vec<(LaserReading, Pose)> {
                 assert_eq!(readings.last().map(|reading| reading.stamp), Some(stamp));
                 truths.push(world_from_robot);
             }
-            LogEntry::Odometry { .. } => {}
+            LogEntry::Odometry { .. } | LogEntry::Turn { .. } => {}
         }
     }
     assert_eq!(readings.len(), truths.len());
@@ -426,6 +426,7 @@ fn a_seed_names_a_log() {
         LogEntry::Odometry { .. } => (odometry + 1, laser, truth),
         LogEntry::Laser(_) => (odometry, laser + 1, truth),
         LogEntry::Truth { .. } => (odometry, laser, truth + 1),
+        LogEntry::Turn { .. } => (odometry, laser, truth),
     });
     let sweeps = once.sweeps() as usize;
     // Odometry at the start is the true pose; from the first sweep on, everything but the truth is noise.

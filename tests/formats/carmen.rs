@@ -522,6 +522,7 @@ proptest! {
             LogEntry::Odometry { odom_from_robot: pose, .. } | LogEntry::Truth { world_from_robot: pose, .. } => {
                 pose.heading += 3e-9;
             }
+            LogEntry::Turn { by_gyro, .. } => *by_gyro += 3e-9,
             LogEntry::Laser(reading) => match field {
                 0 => reading.stamp += 1e-3,
                 1 => reading.odom_from_robot.x += 3e-9,

@@ -6,9 +6,9 @@ use crate::needs::{data, python};
 use ipslam::config::SlamConfig;
 use ipslam::geometry::Pose;
 use ipslam::io::carmen::CarmenLog;
-use ipslam::io::mcap::{McapLog, Topics};
+use ipslam::io::mcap::{ImuTopic, McapLog, Topics};
 use ipslam::io::{Stream, open_bytes, open_log, open_stream};
-use ipslam::log::{LaserReading, LogEntry, LogError, LogSource, LogStats};
+use ipslam::log::{ImuStats, LaserReading, LogEntry, LogError, LogSource, LogStats};
 use ipslam::ppca::Cluster;
 use ipslam::report::Estimator as _;
 use ipslam::slam::Slam;
@@ -20,7 +20,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tempfile::TempDir;
 
-const TOPICS: Topics = Topics { scan: Vec::new(), odometry: None };
+const TOPICS: Topics = Topics { scan: Vec::new(), odometry: None, imu: ImuTopic::Any };
 
 /// Runs the writer of bags.
 fn write_bags(arguments: &[&str]) {
@@ -262,7 +262,7 @@ fn odometry_at_a_scan_lies_between_its_neighbours() {
         scan("/scan", 9, "base"),
         scan("/scan", 15, "base"),
         scan("/scan", 40, "base"),
-        {"kind": "raw", "topic": "/imu", "schema": "sensor_msgs/msg/Imu", "encoding": "cdr", "data": "00010000"},
+        {"kind": "raw", "topic": "/battery", "schema": "sensor_msgs/msg/BatteryState", "encoding": "cdr", "data": "00010000"},
     ]}]));
     let outcome = read(&McapLog::new(folder.path().join("bag.mcap"), &TOPICS).unwrap());
     assert_eq!(outcome.stamps(), [0, 1, 2, 5, 8, 9, 9, 15, 40].map(seconds));
@@ -277,7 +277,7 @@ fn odometry_at_a_scan_lies_between_its_neighbours() {
     assert_eq!((lines, laser, odometry), (10, 6, 3));
     // The first scan and the last, which is 3.1 s behind; the frames are one, so the mounting is known.
     assert_eq!((laser_without_odometry, laser_without_mounting), (2, 0));
-    assert_eq!(outcome.stats.skipped, [("/imu".to_owned(), 1)].into());
+    assert_eq!(outcome.stats.skipped, [("/battery".to_owned(), 1)].into());
     assert_eq!((outcome.stats.backward_stamps, outcome.stats.malformed), (0, 0));
 }
 
@@ -356,7 +356,7 @@ fn the_user_chooses_among_topics() {
         let named = |topic: &str| (!topic.is_empty()).then(|| topic.to_owned());
         McapLog::new(
             folder.path().join(name),
-            &Topics { scan: named(scan).into_iter().collect(), odometry: named(odometry) },
+            &Topics { scan: named(scan).into_iter().collect(), odometry: named(odometry), ..TOPICS },
         )
     };
     // Scans, and where odometry has the robot.
@@ -414,7 +414,7 @@ fn several_lasers_take_turns() {
     }
     let folder = bags(json!([{"name": "two.mcap", "messages": messages}]));
     let path = folder.path().join("two.mcap");
-    let topics = Topics { scan: ["/front", "/rear"].map(str::to_owned).to_vec(), odometry: None };
+    let topics = Topics { scan: ["/front", "/rear"].map(str::to_owned).to_vec(), ..TOPICS };
     let outcome = read(&McapLog::new(&path, &topics).unwrap());
     assert!(outcome.stats.backward_stamps == 0 && outcome.stats.laser_without_mounting == 0, "{:?}", outcome.stats);
     let scans = outcome.scans();
@@ -427,9 +427,9 @@ fn several_lasers_take_turns() {
             "{tenths}: {scan:?}"
         );
     }
-    let one = Topics { scan: vec!["/rear".to_owned()], odometry: None };
+    let one = Topics { scan: vec!["/rear".to_owned()], ..TOPICS };
     assert_eq!(read(&McapLog::new(&path, &one).unwrap()).scans().len(), 10);
-    let none = Topics { scan: ["/front", "/side"].map(str::to_owned).to_vec(), odometry: None };
+    let none = Topics { scan: ["/front", "/side"].map(str::to_owned).to_vec(), ..TOPICS };
     let error = McapLog::new(&path, &none).unwrap_err().to_string();
     assert!(error.contains("no message of type sensor_msgs/msg/LaserScan on /side"), "{error}");
 }
@@ -676,11 +676,12 @@ fn sizes_are_not_taken_at_their_word() {
 }
 
 /// Bags without checksums, so that damage inside of a chunk gets further; written by the writer of this test.
-const SEEDS: [&[u8]; 4] = [
+const SEEDS: [&[u8]; 5] = [
     include_bytes!("../../fuzz/seeds/mcap/none.mcap"),
     include_bytes!("../../fuzz/seeds/mcap/lz4.mcap"),
     include_bytes!("../../fuzz/seeds/mcap/zstd.mcap"),
     include_bytes!("../../fuzz/seeds/mcap/unchunked.mcap"),
+    include_bytes!("../../fuzz/seeds/mcap/imu.mcap"),
 ];
 
 fn assert_sound(outcome: &Outcome) {
@@ -688,6 +689,7 @@ fn assert_sound(outcome: &Outcome) {
     for entry in &outcome.entries {
         match entry {
             LogEntry::Odometry { odom_from_robot, .. } => assert!(is_sound(*odom_from_robot)),
+            LogEntry::Turn { stamp, by_gyro } => assert!(stamp.is_finite() && by_gyro.is_finite()),
             LogEntry::Truth { .. } => panic!("a bag has no truth"),
             LogEntry::Laser(reading) => {
                 assert!(is_sound(reading.odom_from_robot) && is_sound(reading.robot_from_laser), "{reading:?}");
@@ -697,20 +699,22 @@ fn assert_sound(outcome: &Outcome) {
         }
     }
     assert!(outcome.stamps().iter().all(|stamp| stamp.is_finite()));
-    let LogStats { laser, odometry, malformed, first_malformed, .. } = &outcome.stats;
-    assert_eq!(laser + odometry, outcome.entries.len() as u64);
+    let LogStats { laser, odometry, turns, malformed, first_malformed, .. } = &outcome.stats;
+    assert_eq!(laser + odometry + turns, outcome.entries.len() as u64);
     assert_eq!(first_malformed.is_some(), *malformed > 0);
 }
 
 fn the_seeds_are_bags() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bag.mcap");
+    let (path, mut turns) = (folder.path().join("bag.mcap"), 0);
     for seed in SEEDS {
         std::fs::write(&path, seed).unwrap();
         let outcome = read(&McapLog::new(&path, &TOPICS).unwrap());
         assert_sound(&outcome);
         assert!(outcome.entries.len() >= 6 && outcome.stats.malformed == 0 && outcome.error.is_none());
+        turns += outcome.stats.turns;
     }
+    assert_eq!(turns, 7, "of the one with an inertial sensor");
 }
 
 proptest! {
@@ -737,11 +741,112 @@ proptest! {
     }
 }
 
+// ---- A gyroscope
+
+/// The rate of rotation of the robot about its vertical \[rad/s\], and how far it has turned \[rad\]; `t` in seconds.
+fn rate(t: f64) -> f64 {
+    0.8 * (2.0 * t).cos() - 0.3
+}
+
+fn turned(t: f64) -> f64 {
+    0.4 * (2.0 * t).sin() - 0.3 * t
+}
+
+/// Hundred rates a second over ten seconds, and a scan and odometry each 0.3 s. The sensor hangs upside down and is turned: the vertical
+/// of the robot is its (0, sin 0.2, -cos 0.2).
+fn with_gyro(name: &str, change: impl Fn(u32, Value) -> Value) -> Value {
+    let mut messages = vec![fixed(["base", "imu"], [0.1, 0.0, 0.2], [std::f64::consts::PI - 0.2, 0.0, 0.0])];
+    for hundredths in 0..=1000_u32 {
+        let t = f64::from(hundredths) / 100.0;
+        let stamp = json!([1_700_000_000 + hundredths / 100, hundredths % 100 * 10_000_000]);
+        // It rocks about the robot's x axis, too.
+        let rates = [t.sin(), rate(t) * 0.2_f64.sin(), -rate(t) * 0.2_f64.cos()];
+        let imu = json!({"kind": "imu", "topic": "/imu", "stamp": stamp, "frame": "imu", "rates": rates});
+        messages.push(change(hundredths, imu));
+        if hundredths % 30 == 0 {
+            messages.push(odometry("/odom", hundredths / 10, t, 0.1 * t));
+            messages.push(scan("/scan", hundredths / 10, "base"));
+        }
+    }
+    json!({"name": name, "messages": messages})
+}
+
+/// Turns and their errors.
+fn turns(outcome: &Outcome) -> Vec<(f64, f64)> {
+    let (mut last, mut turns) = (f64::NAN, Vec::new());
+    for pair in outcome.entries.windows(2) {
+        if pair[0].is_reading() {
+            last = pair[0].stamp() - seconds(0);
+        }
+        if let LogEntry::Turn { stamp, by_gyro } = pair[0] {
+            assert!(pair[1].is_reading() && pair[1].stamp() == stamp, "{pair:?}");
+            turns.push((by_gyro, by_gyro - (turned(stamp - seconds(0)) - turned(last))));
+        }
+    }
+    turns
+}
+
+fn turns_by_a_gyroscope() {
+    let with = |name: &str, storage: &str| {
+        let mut bag = with_gyro(name, |_, imu| imu);
+        (bag["storage"], bag["compression"]) = (json!(storage), json!("none"));
+        bag
+    };
+    let folder = bags(json!([with("ros2.mcap", "file"), with("sqlite", "sqlite"), with("ros1.bag", "ros1")]));
+    for name in ["ros2.mcap", "sqlite", "ros1.bag"] {
+        let outcome = read(&*open_log(folder.path().join(name), &TOPICS).unwrap());
+        let turns = turns(&outcome);
+        // Before each of 68 readings but the first; those of odometry and scan of the same stamp are 0.
+        assert_eq!((turns.len(), outcome.stats.turns, outcome.stats.laser), (67, 67, 34), "{name}");
+        assert_eq!(outcome.stats.imu, Some(ImuStats { topic: "/imu".to_owned(), messages: 1001, is_mounted: true }));
+        assert!(turns.iter().any(|(turn, _)| *turn > 0.1) && turns.iter().any(|(turn, _)| *turn < -0.2), "{turns:?}");
+        // Trapezoids of 10 ms are off by 0.8 · 4 · 10⁻⁴ / 12 · 0.3 s at most.
+        assert!(turns.iter().all(|(_, error)| error.abs() < 1e-5), "{name}: {turns:?}");
+    }
+    let none = Topics { imu: ImuTopic::None, ..TOPICS };
+    let outcome = read(&*open_log(folder.path().join("ros2.mcap"), &none).unwrap());
+    assert_eq!((outcome.stats.turns, outcome.stats.imu.clone()), (0, None));
+    assert_eq!(outcome.stats.skipped, [("/imu".to_owned(), 1001)].into());
+    let named = Topics { imu: ImuTopic::named("/camera/imu"), ..TOPICS };
+    let error = open_log(folder.path().join("ros2.mcap"), &named).map(|_| ()).unwrap_err().to_string();
+    assert!(error.contains("on /camera/imu (--imu)") && error.contains("/imu (sensor_msgs/msg/Imu"), "{error}");
+}
+
+fn a_gyroscope_that_fails() {
+    let nan = |hundredths: u32, imu: Value| {
+        if (300..330).contains(&hundredths) { changed(imu, "rates", json!([0.0, "nan", 1.0])) } else { imu }
+    };
+    let off = |hundredths: u32, mut imu: Value| {
+        if hundredths >= 500 {
+            imu["covariance"] = json!(-1);
+        }
+        imu
+    };
+    let elsewhere = |_, imu: Value| changed(imu, "frame", json!("lost"));
+    let folder =
+        bags(json!([with_gyro("nan.mcap", nan), with_gyro("off.mcap", off), with_gyro("lost.mcap", elsewhere)]));
+    for (name, expected, malformed, is_mounted) in
+        [("nan.mcap", 64, 30, true), ("off.mcap", 33, 501, true), ("lost.mcap", 67, 0, false)]
+    {
+        let outcome = read(&*open_log(folder.path().join(name), &TOPICS).unwrap());
+        let turns = turns(&outcome);
+        assert_eq!((turns.len(), outcome.stats.malformed), (expected, malformed), "{name}");
+        assert_eq!((outcome.stats.laser, outcome.stats.odometry), (34, 34), "{name}");
+        assert_eq!(outcome.stats.imu.as_ref().map(|imu| imu.is_mounted), Some(is_mounted), "{name}");
+        let is_right = turns.iter().all(|(_, error)| error.abs() < 1e-5);
+        assert_eq!(is_right, is_mounted, "{name}: {turns:?}");
+        if malformed > 0 {
+            let first = outcome.stats.first_malformed.unwrap();
+            assert!(first.contains("/imu: ") && first.contains("rate of rotation"), "{first}");
+        }
+    }
+}
+
 // ---- Which reader
 
 fn a_log_is_known_by_its_content() {
     let folder = tempfile::tempdir().unwrap();
-    let chosen = Topics { scan: vec!["/scan".to_owned()], odometry: None };
+    let chosen = Topics { scan: vec!["/scan".to_owned()], ..TOPICS };
     let write = |name: &str, bytes: &[u8]| {
         let path = folder.path().join(name);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -863,6 +968,6 @@ fn the_program_maps_a_bag() {
 crate::needs::trials! {
     "mcap":
     DataAndPython { a_bag_tells_what_the_carmen_log_told, a_bag_gives_the_map_of_the_carmen_log, a_bag_in_several_files_is_read_as_its_metadata_tells, the_program_maps_a_bag }
-    Python { odometry_at_a_scan_lies_between_its_neighbours, where_the_laser_is_mounted, the_user_chooses_among_topics, several_lasers_take_turns, malformed_messages_are_left_out_and_counted, a_bag_of_ros_1_tells_the_same, ranges_that_are_none_are_marked, a_bag_that_was_cut_off_is_read_as_far_as_it_goes, a_stream_is_read_as_it_comes, a_damaged_chunk_is_left_out, folders_of_bags, damaged_bags_of_all_kinds_are_survived }
+    Python { odometry_at_a_scan_lies_between_its_neighbours, where_the_laser_is_mounted, the_user_chooses_among_topics, several_lasers_take_turns, malformed_messages_are_left_out_and_counted, a_bag_of_ros_1_tells_the_same, ranges_that_are_none_are_marked, a_bag_that_was_cut_off_is_read_as_far_as_it_goes, a_stream_is_read_as_it_comes, a_damaged_chunk_is_left_out, folders_of_bags, turns_by_a_gyroscope, a_gyroscope_that_fails, damaged_bags_of_all_kinds_are_survived }
     Nothing { sizes_are_not_taken_at_their_word, the_seeds_are_bags, any_damage_is_survived, a_log_is_known_by_its_content }
 }

@@ -183,6 +183,7 @@ fn result(steps: u32) -> RunResult {
         poses: (0..steps).map(estimate).collect(),
         refused_odometry: Vec::new(),
         odometry_errors: OdometryErrors::default(),
+        gyro: None,
         loops: Vec::new(),
         earlier: Vec::new(),
         looked_through: 0.0,

@@ -178,7 +178,7 @@ fn a_run_writes_all_that_it_promises() {
         .filter_map(|entry| match entry.unwrap() {
             LogEntry::Odometry { stamp, .. } => Some(stamp),
             LogEntry::Laser(reading) => Some(reading.stamp),
-            LogEntry::Truth { .. } => None,
+            LogEntry::Turn { .. } | LogEntry::Truth { .. } => None,
         })
         .collect();
     let trajectory = tum::read(&place.path("ipslam-out/drive/trajectory.tum")).unwrap();

@@ -27,9 +27,17 @@ fn entries(count: usize) -> Vec<LogEntry> {
     Simulation::building(1).open().unwrap().take(count).map(Result::unwrap).collect()
 }
 
+/// The same with a turn by a gyroscope before each reading.
+fn with_turns(entries: Vec<LogEntry>) -> Vec<LogEntry> {
+    let turn = |entry: &LogEntry| {
+        entry.is_reading().then(|| LogEntry::Turn { stamp: entry.stamp(), by_gyro: 0.01 * entry.stamp().sin() })
+    };
+    entries.into_iter().flat_map(|entry| turn(&entry).into_iter().chain([entry])).collect()
+}
+
 /// Records a drive.
 fn record(path: &Path, level: Level, change: impl Fn(&mut StepReport<'_>)) -> Vec<LogEntry> {
-    record_entries(path, level, entries(400), change)
+    record_entries(path, level, with_turns(entries(400)), change)
 }
 
 /// Records these entries; `change` may lie about a step.
@@ -176,6 +184,15 @@ fn a_run_that_continues_is_replayed() {
     let summary = std::fs::read(folder.path().join("replayed/summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
     assert_eq!(summary["continues"]["map"], "one/map.json");
+
+    // Of several logs each is recorded.
+    let both =
+        ["drive.clf", "drive.clf", "--max-scans", "40", "--maps", "4", "--particles", "8", "--record", "both.rrd"];
+    let done = ipslam(folder.path(), &[&["run"][..], &both].concat());
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let continues = ["both.rrd", "both-2.rrd"]
+        .map(|name| RecordedRun::open(&folder.path().join(name)).unwrap().store().info.continues.is_some());
+    assert_eq!(continues, [false, true]);
 }
 
 #[test]

@@ -2,9 +2,10 @@
 
     python tests/tools/live.py target/debug/ipslam
 
-needs the package cyclonedds. All of it is in a network of its own, where nobody else is.
+needs the package cyclonedds, and a program with the recorder. All of it is in a network of its own, where nobody else is.
 """
 
+import bisect
 import ctypes
 import fcntl
 import json
@@ -30,6 +31,8 @@ SMALL = ["--backend", "cpu", "--particles", "64", "--maps", "4"]
 # differ by less than 0.03 m in all but one of twenty.
 NEAR = 0.5
 NEAR_MOTIONS = 0.06
+# Of the gyroscope, which hangs upside down [rad/s].
+BIAS = 0.02
 # Of online poses to smoothed ones, and in the finished map.
 NEAR_SMOOTHED = 0.3
 
@@ -60,6 +63,7 @@ from ros_messages import (  # noqa: E402
     DiagnosticArray,
     Empty,
     Header,
+    Imu,
     LaserScan,
     MarkerArray,
     OccupancyGrid,
@@ -124,10 +128,24 @@ def read_trajectory(path):
     return {round(t, 3): (x, y, 2 * math.atan2(z, w)) for t, x, y, _, _, _, z, w in rows}
 
 
+def read_turn_rates(path):
+    """The rate of rotation at any time, by true poses [rad/s]."""
+    poses = sorted(read_trajectory(path).items())
+    stamps = [stamp for stamp, _ in poses]
+
+    def rate(when):
+        after = min(max(bisect.bisect(stamps, when), 1), len(stamps) - 1)
+        turn = poses[after][1][2] - poses[after - 1][1][2]
+        return math.remainder(turn, math.tau) / (stamps[after] - stamps[after - 1])
+
+    return rate
+
+
 class Robot:
     """Publishes what a robot does, and keeps what it gets."""
 
-    def __init__(self):
+    def __init__(self, turn_rate=None):
+        self.turn_rate = turn_rate
         self.participant = DomainParticipant(0)
         self.odometry = self.writer("odom", Odometry, RELIABLE)
         self.given = {}
@@ -155,9 +173,11 @@ class Robot:
 
     def begin_to_scan(self):
         self.scans, self.fixed = self.writer("scan", LaserScan, BEST_EFFORT), self.writer("tf_static", TFMessage, LATCHED)
+        self.imu = self.writer("imu/data", Imu, BEST_EFFORT)
         mounting = TransformStamped(Header(stamp(0), "base_link"), "laser", pose(0.1, 0.0, 0.0))
-        self.fixed.write(TFMessage([mounting]))
-        writers = self.scans, self.fixed, self.odometry
+        upside_down = Pose(ORIGIN, Quaternion(1.0, 0.0, 0.0, 0.0))
+        self.fixed.write(TFMessage([mounting, TransformStamped(Header(stamp(0), "base_link"), "imu", upside_down)]))
+        writers = self.scans, self.fixed, self.odometry, self.imu
         wait_until("its topics are taken", lambda: all(writer.get_matched_subscriptions() for writer in writers))
 
     def drive(self, entries, meanwhile=lambda seconds: None):
@@ -168,6 +188,11 @@ class Robot:
                 twist = TwistWithCovariance(Twist(ORIGIN, ORIGIN), [0.0] * 36)
                 by_odometry = PoseWithCovariance(pose(*what), [0.0] * 36)
                 self.odometry.write(Odometry(Header(stamp(when), "odom"), "base_link", by_odometry, twist))
+                # Fifty a second.
+                for before in (0.08, 0.06, 0.04, 0.02, 0.0) if self.turn_rate else ():
+                    rate, none = Vector3(0.0, 0.0, BIAS - self.turn_rate(when - before)), [0.0] * 9
+                    upright = Quaternion(0.0, 0.0, 0.0, 1.0)
+                    self.imu.write(Imu(Header(stamp(max(when - before, 0.0)), "imu"), upright, none, rate, none, ORIGIN, none))
             else:
                 angle, step, ranges = what
                 last = angle + step * (len(ranges) - 1)
@@ -281,9 +306,9 @@ def start(program, name, options):
 
 
 def map_live(program, log, entries):
-    live, said = start(program, "live", SMALL)
+    live, said = start(program, "live", [*SMALL, "--record", "live.rrd"])
     try:
-        robot = Robot()
+        robot = Robot(read_turn_rates(log.with_suffix(".truth.tum")))
         subprocess.run([program, "run", log, "--out", "run", *SMALL], check=True, capture_output=True)
         hint = "no scan on /scan for 5 s; topics that are there: /odom (nav_msgs/msg/Odometry)"
         wait_until("it says what it lacks", lambda: hint in said())
@@ -314,16 +339,28 @@ def map_live(program, log, entries):
 
     by_run = read_trajectory(Path("run/trajectory.tum"))
     by_live = {round(t - FIRST_STAMP, 3): pose for t, pose in read_trajectory(Path("live/trajectory.tum")).items()}
-    print(f"trajectories are {apart(by_live, by_run):.3f} m apart at most, motions {motions_apart(by_live, by_run):.3f} m")
-    assert apart(by_live, by_run) < NEAR and motions_apart(by_live, by_run) < NEAR_MOTIONS
+    # Between scans the one has the headings of the gyroscope, and the other those of the odometry.
+    stamps = {round(when, 3) for when, kind, _ in entries if kind != "ODOM"}
+    [live_at_scans, run_at_scans] = [{when: by[when] for when in stamps & by.keys()} for by in (by_live, by_run)]
+    motions = motions_apart(live_at_scans, run_at_scans)
+    print(f"trajectories are {apart(by_live, by_run):.3f} m apart at most, motions {motions:.3f} m")
+    assert apart(by_live, by_run) < NEAR and motions < NEAR_MOTIONS
     # One that is 3 % too long would not do.
-    longer = {when: (1.03 * x, 1.03 * y, heading) for when, (x, y, heading) in by_live.items()}
-    assert motions_apart(longer, by_run) > NEAR_MOTIONS
+    longer = {when: (1.03 * x, 1.03 * y, heading) for when, (x, y, heading) in live_at_scans.items()}
+    assert motions_apart(longer, run_at_scans) > NEAR_MOTIONS
 
     [walls, expected] = [found["map"]["clusters"] for found in (summary, of_run)]
     print(f"{walls} walls, {expected} by run")
     assert abs(walls - expected) <= 0.1 * expected, (walls, expected)
     assert summary["verdict"] == of_run["verdict"] == "consistent"
+
+    # A scan and odometry of the same stamp are two readings.
+    gyro = summary["gyro"]
+    print(f"gyroscope: {gyro}")
+    assert gyro["measured"] > 0.9 * (taken + len(entries) - scans), gyro
+    assert gyro["believed"] > 0.5 * gyro["measured"] and abs(gyro["bias"] + BIAS) < 0.01, gyro
+    replayed = subprocess.run([program, "replay", "live.rrd", "--verify"], check=True, capture_output=True, text=True)
+    assert "identical bit for bit" in replayed.stdout, replayed.stdout
 
     check_given(robot, by_live, entries)
     grid, (free, occupied) = robot.given["map"][-1], cells_of(Path("run/map.pgm"))

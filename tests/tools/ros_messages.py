@@ -77,6 +77,17 @@ class Odometry(IdlStruct, typename=ros("nav_msgs", "Odometry")):
 
 
 @dataclass
+class Imu(IdlStruct, typename=ros("sensor_msgs", "Imu")):
+    header: Header
+    orientation: Quaternion
+    orientation_covariance: array[float64, 9]
+    angular_velocity: Vector3
+    angular_velocity_covariance: array[float64, 9]
+    linear_acceleration: Vector3
+    linear_acceleration_covariance: array[float64, 9]
+
+
+@dataclass
 class LaserScan(IdlStruct, typename=ros("sensor_msgs", "LaserScan")):
     header: Header
     angle_min: float32

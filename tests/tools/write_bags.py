@@ -75,6 +75,20 @@ def odometry(m):
     )
 
 
+def imu(m):
+    vector, covariance = T["geometry_msgs/msg/Vector3"], np.full(9, 5.0)
+    measured = np.full(9, float(m.get("covariance", 0.01)))
+    return T["sensor_msgs/msg/Imu"](
+        header=header(m["stamp"], m["frame"]),
+        orientation=T["geometry_msgs/msg/Quaternion"](0.5, 0.5, 0.5, 0.5),
+        orientation_covariance=covariance,
+        angular_velocity=vector(*(float(v) for v in m["rates"])),
+        angular_velocity_covariance=measured,
+        linear_acceleration=vector(1.0, 2.0, 9.8),
+        linear_acceleration_covariance=covariance,
+    )
+
+
 def transforms(m):
     def stamped(t):
         transform = T["geometry_msgs/msg/Transform"](
@@ -89,6 +103,7 @@ def transforms(m):
 KINDS = {
     "scan": ("sensor_msgs/msg/LaserScan", scan),
     "odometry": ("nav_msgs/msg/Odometry", odometry),
+    "imu": ("sensor_msgs/msg/Imu", imu),
     "tf": ("tf2_msgs/msg/TFMessage", transforms),
 }
 

@@ -58,7 +58,11 @@ impl Settings {
         let config = SlamConfig { maps, particles: maps, seed: count("seed", seed, 0.0)?, ..SlamConfig::default() };
         config.validate().map_err(|error| error.to_string())?;
         let named = |topic: &str| Some(topic.trim().to_owned()).filter(|topic| !topic.is_empty());
-        let topics = Topics { scan: named(scan_topic).into_iter().collect(), odometry: named(odometry_topic) };
+        let topics = Topics {
+            scan: named(scan_topic).into_iter().collect(),
+            odometry: named(odometry_topic),
+            ..Topics::default()
+        };
         Ok(Self { config, topics })
     }
 }

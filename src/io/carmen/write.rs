@@ -49,6 +49,8 @@ impl<W: Write> CarmenWriter<W> {
                 self.tail(*stamp)
             }
             LogEntry::Laser(reading) => self.laser(reading),
+            // A CARMEN log has no such message.
+            LogEntry::Turn { .. } => Ok(()),
         }
     }
 

@@ -20,6 +20,11 @@ impl Clock {
         self.delay = Some(self.delay.map_or(delay, |least| least.min(delay)));
     }
 
+    /// Least of the times from a stamp to the receipt \[ns\].
+    pub(super) fn delay(&self) -> i64 {
+        self.delay.unwrap_or(0)
+    }
+
     /// How long the topic was told, by whichever of its times tells of more \[ns\].
     pub(super) fn span(&self) -> i64 {
         [self.stamps, self.received].into_iter().flatten().map(Span::length).max().unwrap_or(0)

@@ -45,24 +45,29 @@ impl Frames {
         None
     }
 
+    /// Where a sensor is on the robot; `Ok(None)` where the transforms do not join their frames.
+    ///
+    /// # Errors
+    /// Their frames hang in a circle.
+    pub(super) fn robot_from_sensor(&self, robot: &str, sensor: &str) -> Result<Option<Isometry3<f64>>, String> {
+        if robot.is_empty() || sensor.is_empty() {
+            return Ok(None);
+        }
+        if robot == sensor {
+            return Ok(Some(Isometry3::identity()));
+        }
+        let circle = || format!("the static transforms above `{robot:.50}` or `{sensor:.50}` lead in a circle");
+        let (robot_root, root_from_robot) = self.root(robot).ok_or_else(circle)?;
+        let (sensor_root, root_from_sensor) = self.root(sensor).ok_or_else(circle)?;
+        Ok((robot_root == sensor_root).then(|| root_from_robot.inv_mul(&root_from_sensor)))
+    }
+
     /// How the laser is mounted on the robot; `Ok(None)` where the transforms do not join their frames.
     ///
     /// # Errors
     /// The laser is tilted, too far away for a number, or its frames hang in a circle.
     pub(super) fn mounting(&self, robot: &str, laser: &str) -> Result<Option<Mounting>, String> {
-        if robot.is_empty() || laser.is_empty() {
-            return Ok(None);
-        }
-        if robot == laser {
-            return Ok(Some(Mounting { robot_from_laser: Pose::IDENTITY, upside_down: false }));
-        }
-        let circle = || format!("the static transforms above `{robot:.50}` or `{laser:.50}` lead in a circle");
-        let (robot_root, root_from_robot) = self.root(robot).ok_or_else(circle)?;
-        let (laser_root, root_from_laser) = self.root(laser).ok_or_else(circle)?;
-        if robot_root != laser_root {
-            return Ok(None);
-        }
-        let robot_from_laser = root_from_robot.inv_mul(&root_from_laser);
+        let Some(robot_from_laser) = self.robot_from_sensor(robot, laser)? else { return Ok(None) };
         let up = (robot_from_laser.rotation * Vector3::z()).z;
         let tilt = up.abs().min(1.0).acos();
         if tilt > MAX_TILT {

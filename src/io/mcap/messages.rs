@@ -1,4 +1,4 @@
-//! The messages that a log is made of: laser scans, odometry and transforms.
+//! The messages that a log is made of: laser scans, odometry, rates of rotation and transforms.
 //!
 //! Fields that nothing here depends on and that nothing needed comes after are left out.
 
@@ -8,6 +8,7 @@ use serde::Deserialize;
 
 pub(super) const LASER_SCAN: &str = "sensor_msgs/msg/LaserScan";
 pub(super) const ODOMETRY: &str = "nav_msgs/msg/Odometry";
+pub(super) const IMU: &str = "sensor_msgs/msg/Imu";
 pub(super) const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
 
 /// The ROS 2 name of a type of ROS 1: `sensor_msgs/LaserScan` is `sensor_msgs/msg/LaserScan`.
@@ -23,6 +24,9 @@ pub(super) fn ros2_name(name: &str) -> String {
 const NANOSECONDS: i64 = 1_000_000_000;
 /// A quaternion whose length is this far from 1 was not meant as a rotation.
 const QUATERNION_TOLERANCE: f64 = 0.1;
+
+/// Rates of rotation from here on are none \[rad/s\]: gyroscopes measure up to 35.
+const MAX_RATE: f64 = 100.0;
 
 /// `std_msgs/msg/Header`
 #[derive(Debug, Deserialize)]
@@ -58,6 +62,17 @@ pub(super) struct Odometry {
     pub(super) header: Header,
     pub(super) child_frame_id: String,
     pub(super) pose: Transform,
+}
+
+/// `sensor_msgs/msg/Imu`, without accelerations.
+#[derive(Debug, Deserialize)]
+pub(super) struct Imu {
+    pub(super) header: Header,
+    pub(super) _orientation: [f64; 4],
+    pub(super) _orientation_covariance: [f64; 9],
+    /// rad/s
+    pub(super) angular_velocity: [f64; 3],
+    pub(super) angular_velocity_covariance: [f64; 9],
 }
 
 /// `tf2_msgs/msg/TFMessage`
@@ -106,6 +121,19 @@ impl Header {
 pub(super) fn seconds(nanoseconds: i64) -> f64 {
     // Whole seconds apart, so that it is rounded once.
     nanoseconds.div_euclid(NANOSECONDS) as f64 + nanoseconds.rem_euclid(NANOSECONDS) as f64 / NANOSECONDS as f64
+}
+
+impl Imu {
+    /// The rate of rotation about an axis of the sensor \[rad/s\].
+    pub(super) fn rate_about(&self, axis: &Vector3<f64>) -> Result<f64, String> {
+        // By convention, what is not measured has this covariance.
+        if self.angular_velocity_covariance[0] == -1.0 {
+            return Err("it has no rate of rotation (angular_velocity_covariance is -1)".to_owned());
+        }
+        let rate = axis.dot(&Vector3::from(self.angular_velocity));
+        // No gyroscope measures as much.
+        if rate.abs() < MAX_RATE { Ok(rate) } else { Err(format!("no rate of rotation: {:?}", self.angular_velocity)) }
+    }
 }
 
 impl Odometry {

@@ -10,7 +10,8 @@
 //! |---|---|
 //! | `sensor_msgs/msg/LaserScan` | laser |
 //! | `nav_msgs/msg/Odometry` | odometry: the pose, seen from above |
-//! | `tf2_msgs/msg/TFMessage` on `tf_static` | mounting of the laser |
+//! | `sensor_msgs/msg/Imu` | turns: the rate of rotation about the robot's z axis, summed up from reading to reading |
+//! | `tf2_msgs/msg/TFMessage` on `tf_static` | mounting of the laser and of the inertial sensor |
 //! | `tf2_msgs/msg/TFMessage` on other topics | odometry, where there are no odometry messages |
 //! | others | nothing, counted by topic |
 //!
@@ -31,6 +32,12 @@
 //! clocks differ by more than 2 s, or the stamps of one never change, the times of receipt count in place of the stamps
 //! ([`LogStats::clocks_differ`]).
 //!
+//! # Turns by a gyroscope
+//! Of inertial sensors the first one counts whose mounting is in the transforms, or the one that [`Topics`] names. Its rates are turned
+//! into the robot's frame; where no transforms join the two, its z axis is taken to point up ([`ImuStats::is_mounted`]). A turn stands
+//! before the reading that it ends at. It is missing where rates are more than 0.2 s apart or no numbers. A sensor whose clock is not
+//! that of the scans is taken to be received as late as they are.
+//!
 //! # Odometry at a scan
 //! Between the messages before and after the stamp of the scan, position and heading change evenly; before the first
 //! message and after the last they stand still. A bag without odometry has the robot at the identity. See
@@ -45,11 +52,12 @@
 
 use super::stream::Stream;
 use crate::geometry::Pose;
-use crate::log::{LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
+use crate::log::{ImuStats, LaserReading, LogEntry, LogError, LogReader, LogSource, LogStats};
 use decode::decode;
 use frames::Mounting;
-use messages::{Header, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
-use plan::{OdometrySource, Plan, plan};
+use gyro::Gyro;
+use messages::{Header, IMU, Imu, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms, seconds};
+use plan::{ImuSource, OdometrySource, Plan, plan};
 use records::{Channel, Next};
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -61,6 +69,7 @@ use transforms::is_static;
 mod clock;
 mod decode;
 mod frames;
+mod gyro;
 mod messages;
 mod plan;
 mod records;
@@ -95,6 +104,27 @@ pub struct Topics {
     pub scan: Vec<String>,
     /// Topic of the odometry: of odometry messages or of transforms.
     pub odometry: Option<String>,
+    /// Topic of the inertial sensor.
+    pub imu: ImuTopic,
+}
+
+/// Which inertial sensor to read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum ImuTopic {
+    /// The one that is there; of several the first whose mounting is known.
+    #[default]
+    Any,
+    /// None of them.
+    None,
+    /// That on this topic.
+    Named(String),
+}
+
+impl ImuTopic {
+    /// A topic, or `none`.
+    pub fn named(text: &str) -> Self {
+        if text == "none" { Self::None } else { Self::Named(text.to_owned()) }
+    }
 }
 
 /// Frames of ROS, without a leading slash.
@@ -178,6 +208,8 @@ impl LogSource for McapLog {
             records: Storage::open(&self.origin).map_err(open_error)?,
             odometry: VecDeque::new(),
             scans: VecDeque::new(),
+            gyro: Gyro::default(),
+            behind_turn: None,
             last_odometry: None,
             broke_off: None,
             drained: false,
@@ -185,6 +217,11 @@ impl LogSource for McapLog {
             last_stamp: f64::NEG_INFINITY,
             stats: LogStats {
                 clocks_differ: self.plan.clocks_differ.map(|nanoseconds| nanoseconds as f64 / 1e9),
+                imu: self.plan.imu.as_ref().map(|ImuSource { topic, is_mounted, .. }| ImuStats {
+                    topic: topic.clone(),
+                    messages: 0,
+                    is_mounted: *is_mounted,
+                }),
                 ..LogStats::default()
             },
         }))
@@ -215,6 +252,9 @@ struct McapReader {
     odometry: VecDeque<StampedOdometry>,
     /// Scans that were read and not handed out, with their stamps and how long they took \[ns\], without odometry.
     scans: VecDeque<(i64, i64, LaserReading)>,
+    gyro: Gyro,
+    /// The reading whose turn was handed out.
+    behind_turn: Option<LogEntry>,
     /// The last odometry that was handed out.
     last_odometry: Option<StampedOdometry>,
     /// Why nothing more can be read.
@@ -230,7 +270,7 @@ impl McapReader {
     /// The next entry; `None` at the end of the log.
     fn next_entry(&mut self) -> Result<Option<LogEntry>, LogError> {
         loop {
-            if let Some(entry) = self.ready() {
+            if let Some(entry) = self.behind_turn.take().or_else(|| self.ready()) {
                 self.stats.add(&entry, &mut self.last_stamp);
                 return Ok(Some(entry));
             }
@@ -287,6 +327,18 @@ impl McapReader {
                 let place = self.scans.iter().rposition(is_before).map_or(0, |before| before + 1);
                 self.scans.insert(place, (stamp, duration(&message), reading));
             }
+            _ if channel.schema == IMU => match &plan.imu {
+                Some(imu) if imu.topic == channel.topic => {
+                    let message: Imu = decode(channel, data)?;
+                    let stamp = match imu.late {
+                        Some(late) if plan.clocks_differ.is_none() => received.saturating_sub(late),
+                        _ => stamp_of(&message.header)?,
+                    };
+                    self.gyro.add(stamp, message.rate_about(&imu.up)?);
+                    self.stats.imu.iter_mut().for_each(|imu| imu.messages += 1);
+                }
+                _ => self.stats.add_skipped(&channel.topic),
+            },
             _ if channel.schema == TRANSFORMS && is_static(&channel.topic) => {}
             _ => self.stats.add_skipped(&channel.topic),
         }
@@ -305,15 +357,26 @@ impl McapReader {
             (None, Some(_)) if no_odometry_comes => true,
             _ => return None,
         };
-        if scan_is_next {
-            let (stamp, duration, mut reading) = self.scans.pop_front()?;
+        let stamp = if scan_is_next { self.scans.front()?.0 } else { self.odometry.front()?.stamp };
+        let newest =
+            self.scans.back().map(|(newest, ..)| *newest).max(self.odometry.back().map(|newest| newest.stamp))?;
+        let is_full = self.scans.len() > MAX_WAITING_SCANS || self.odometry.len() > MAX_WAITING_ODOMETRY;
+        if !self.drained && !is_full && self.gyro.is_awaited(stamp, newest) {
+            return None;
+        }
+        let entry = if scan_is_next {
+            let (_, duration, mut reading) = self.scans.pop_front()?;
             reading.odom_from_robot = self.odometry_at(stamp);
             reading.start_from_end = self.motion_in(duration);
-            return Some(LogEntry::Laser(reading));
-        }
-        let odometry = self.odometry.pop_front()?;
-        self.last_odometry = Some(odometry);
-        Some(LogEntry::Odometry { stamp: seconds(odometry.stamp), odom_from_robot: odometry.odom_from_robot })
+            LogEntry::Laser(reading)
+        } else {
+            let odometry = self.odometry.pop_front()?;
+            self.last_odometry = Some(odometry);
+            LogEntry::Odometry { stamp: seconds(odometry.stamp), odom_from_robot: odometry.odom_from_robot }
+        };
+        let Some(by_gyro) = self.gyro.turn(stamp) else { return Some(entry) };
+        self.behind_turn = Some(entry);
+        Some(LogEntry::Turn { stamp: seconds(stamp), by_gyro })
     }
 
     /// Where the robot was at the stamp of a scan that comes after all odometry handed out and before all that waits.

@@ -1,11 +1,13 @@
 //! Which topics of a bag make the log, and how its lasers are mounted.
 
+use super::clock::Clock;
 use super::frames::{Frames, Mounting};
-use super::messages::{LASER_SCAN, ODOMETRY, TRANSFORMS};
+use super::messages::{IMU, LASER_SCAN, ODOMETRY, TRANSFORMS};
 use super::survey::Survey;
 use super::topics::{SeenTopics, Topic};
 use super::transforms::Repeated;
-use super::{FrameNames, Topics};
+use super::{FrameNames, ImuTopic, Topics};
+use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
 /// Where the entries of a log are to be found in a bag.
@@ -14,6 +16,7 @@ pub(super) struct Plan {
     /// One of each laser.
     pub(super) scan_topics: Vec<String>,
     pub(super) odometry: OdometrySource,
+    pub(super) imu: Option<ImuSource>,
     pub(super) frames: FrameNames,
     /// Of each frame that scans come from; `None` if it is not in the bag.
     pub(super) mountings: BTreeMap<String, Option<Mounting>>,
@@ -30,6 +33,17 @@ pub(super) enum OdometrySource {
     Transforms { topic: String, odom: String, robot: String },
     /// The bag has none.
     Nowhere,
+}
+
+/// The inertial sensor.
+#[derive(Debug)]
+pub(super) struct ImuSource {
+    pub(super) topic: String,
+    /// The axis about which the robot turns, in the frame of the sensor.
+    pub(super) up: Vector3<f64>,
+    pub(super) is_mounted: bool,
+    /// Its clock is not that of the scans: a stamp is the time of receipt, less this \[ns\], by which scans are received late.
+    pub(super) late: Option<i64>,
 }
 
 impl OdometrySource {
@@ -75,7 +89,40 @@ pub(super) fn plan(seen: &Survey, wanted: &Topics) -> Result<Plan, String> {
     }
     let clocks_differ =
         odometry_topic.and_then(|odometry| scans().find_map(|scans| scans.clock.differs_from(&odometry.clock)));
-    Ok(Plan { scan_topics, odometry, frames, mountings, clocks_differ })
+    let scan_clock = scans().next().map(|scans| scans.clock);
+    let imu = imu(seen, &wanted.imu, scan_clock.unwrap_or_default(), &frames.robot, &fixed)?;
+    Ok(Plan { scan_topics, odometry, imu, frames, mountings, clocks_differ })
+}
+
+/// The inertial sensor; of several the first whose mounting on the robot is in the transforms.
+fn imu(
+    seen: &Survey,
+    wanted: &ImuTopic,
+    scan_clock: Clock,
+    robot: &str,
+    fixed: &Frames,
+) -> Result<Option<ImuSource>, String> {
+    let source = |name: &str, topic: &Topic| {
+        let mounting = fixed.robot_from_sensor(robot, topic.frame()).ok().flatten();
+        ImuSource {
+            topic: name.to_owned(),
+            up: mounting.map_or_else(Vector3::z, |robot_from_imu| robot_from_imu.rotation.inverse() * Vector3::z()),
+            is_mounted: mounting.is_some(),
+            late: scan_clock.differs_from(&topic.clock).map(|_| scan_clock.delay()),
+        }
+    };
+    Ok(match wanted {
+        ImuTopic::None => None,
+        ImuTopic::Named(named) => {
+            let named = seen.topics.named(named, &[IMU], "--imu")?;
+            seen.topics.get(named).map(|topic| source(named, topic))
+        }
+        ImuTopic::Any => {
+            let mut all: Vec<_> = seen.topics.of_type(IMU).map(|(name, topic)| source(name, topic)).collect();
+            let mounted = all.iter().position(|imu| imu.is_mounted).unwrap_or(0);
+            (!all.is_empty()).then(|| all.swap_remove(mounted))
+        }
+    })
 }
 
 fn scan_topics(topics: &SeenTopics, named: &[String]) -> Result<Vec<String>, String> {

@@ -1,7 +1,7 @@
-//! The four messages as ROS 1 writes them, in its bags and in those that were converted to MCAP: little-endian numbers
+//! The messages as ROS 1 writes them, in its bags and in those that were converted to MCAP: little-endian numbers
 //! one after the other, without gaps, and a number more in each header.
 
-use super::messages::{Header, LaserScan, Odometry, StampedTransform, Time, Transform, Transforms};
+use super::messages::{Header, Imu, LaserScan, Odometry, StampedTransform, Time, Transform, Transforms};
 use super::records::Fields;
 
 /// A message that can be read from its fields; `None` where there are too few.
@@ -54,6 +54,18 @@ impl Ros1 for LaserScan {
 impl Ros1 for Odometry {
     fn read(fields: &mut Fields<'_>) -> Option<Self> {
         Some(Self { header: Header::read(fields)?, child_frame_id: fields.text()?, pose: Transform::read(fields)? })
+    }
+}
+
+impl Ros1 for Imu {
+    fn read(fields: &mut Fields<'_>) -> Option<Self> {
+        Some(Self {
+            header: Header::read(fields)?,
+            _orientation: doubles(fields)?,
+            _orientation_covariance: doubles(fields)?,
+            angular_velocity: doubles(fields)?,
+            angular_velocity_covariance: doubles(fields)?,
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! The first pass over a bag: which topics it has, and which transforms.
 
 use super::decode::decode;
-use super::messages::{LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms};
+use super::messages::{IMU, Imu, LASER_SCAN, LaserScan, ODOMETRY, Odometry, TRANSFORMS, Transforms};
 use super::records::{Channel, Next};
 use super::storage::{Origin, Storage};
 use super::topics::{SeenTopics, Topic};
@@ -71,6 +71,11 @@ impl Survey {
                     if topic.parent.is_empty() {
                         topic.parent = odometry.header.frame().to_owned();
                     }
+                }
+            }
+            IMU => {
+                if let Ok(imu) = decode::<Imu>(channel, data) {
+                    topic.add(imu.header.stamp(), received, imu.header.frame());
                 }
             }
             TRANSFORMS => {

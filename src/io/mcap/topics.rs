@@ -89,6 +89,11 @@ impl SeenTopics {
         }
     }
 
+    /// The topics of a type, by name.
+    pub(super) fn of_type(&self, schema: &str) -> impl Iterator<Item = (&str, &Topic)> {
+        self.0.iter().filter(move |(_, topic)| topic.is_of(schema)).map(|(name, topic)| (name.as_str(), topic))
+    }
+
     /// The topic that the user named by this option, if it has messages of one of these types.
     pub(super) fn named(&self, named: &str, schemas: &[&str], option: &str) -> Result<&str, String> {
         match self.0.get_key_value(named) {

@@ -20,6 +20,7 @@
 //! | [`EARLIER_FREE`] | its free area: side of a cell, x, y, heading of the raster; then of each row its number and its runs, start and end | at the start |
 //! | [`LASER`] | x, y, heading and stamp of odometry, mounting x, y, heading, angle of the first beam and from one to the next, maximum range, motion during the sweep x, y, heading, all ranges | every reading |
 //! | [`ODOMETRY_READING`], [`TRUTH`] | x, y, heading, stamp | every reading |
+//! | [`TURN`] | stamp and turn by a gyroscope | every reading that has one |
 //! | [`POSE`] | x, y and heading of the best particle, as f64 | every step |
 //! | [`CHECKSUM`] | that of the step | every step |
 //! | [`ALL_PARTICLES`] | x, y, heading and weight of every particle, as f64 | every step, if in full |
@@ -64,6 +65,8 @@ pub const EARLIER_FREE: &str = "run/earlier/free";
 pub const LASER: &str = "run/log/laser";
 /// Odometry, as it came.
 pub const ODOMETRY_READING: &str = "run/log/odometry";
+/// Turns by a gyroscope.
+pub const TURN: &str = "run/log/turn";
 /// True poses in the log.
 pub const TRUTH: &str = "run/log/truth";
 /// Pose of the best particle.

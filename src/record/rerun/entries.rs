@@ -43,8 +43,12 @@ impl Entries {
 /// How a row becomes an entry; `None` where it has another length than it can have.
 type FromRow = fn(&[f64]) -> Option<LogEntry>;
 /// Where entries of each kind are.
-const KINDS: [(&str, FromRow); 3] =
-    [(blueprint::LASER, laser), (blueprint::ODOMETRY_READING, odometry), (blueprint::TRUTH, truth)];
+const KINDS: [(&str, FromRow); 4] = [
+    (blueprint::LASER, laser),
+    (blueprint::ODOMETRY_READING, odometry),
+    (blueprint::TURN, turn),
+    (blueprint::TRUTH, truth),
+];
 
 fn laser(row: &[f64]) -> Option<LogEntry> {
     let (
@@ -66,6 +70,11 @@ fn laser(row: &[f64]) -> Option<LogEntry> {
 fn odometry(row: &[f64]) -> Option<LogEntry> {
     let &[x, y, heading, stamp] = row.as_array()?;
     Some(LogEntry::Odometry { stamp, odom_from_robot: exactly(x, y, heading) })
+}
+
+fn turn(row: &[f64]) -> Option<LogEntry> {
+    let &[stamp, by_gyro] = row.as_array()?;
+    Some(LogEntry::Turn { stamp, by_gyro })
 }
 
 fn truth(row: &[f64]) -> Option<LogEntry> {
@@ -118,6 +127,7 @@ impl Iterator for RecordedReader {
             match entry {
                 LogEntry::Laser(_) => self.stats.laser += 1,
                 LogEntry::Odometry { .. } => self.stats.odometry += 1,
+                LogEntry::Turn { .. } => self.stats.turns += 1,
                 LogEntry::Truth { .. } => {}
             }
         }

@@ -244,14 +244,15 @@ struct Entries {
     next: i64,
     laser: Rows,
     odometry: Rows,
+    turn: Rows,
     truth: Rows,
     sent: Instant,
 }
 
 impl Entries {
     fn new() -> Self {
-        let [laser, odometry, truth] = Default::default();
-        Self { next: 0, laser, odometry, truth, sent: Instant::now() }
+        let [laser, odometry, turn, truth] = Default::default();
+        Self { next: 0, laser, odometry, turn, truth, sent: Instant::now() }
     }
 
     fn push(&mut self, entry: &LogEntry) {
@@ -260,6 +261,7 @@ impl Entries {
             LogEntry::Odometry { stamp, odom_from_robot } => {
                 self.odometry.push(self.next, pose(*odom_from_robot).into_iter().chain([*stamp]));
             }
+            LogEntry::Turn { stamp, by_gyro } => self.turn.push(self.next, [*stamp, *by_gyro]),
             LogEntry::Truth { stamp, world_from_robot } => {
                 self.truth.push(self.next, pose(*world_from_robot).into_iter().chain([*stamp]));
             }
@@ -285,6 +287,7 @@ impl Entries {
         self.sent = Instant::now();
         self.laser.send(stream, &blueprint::under(root, blueprint::LASER))?;
         self.odometry.send(stream, &blueprint::under(root, blueprint::ODOMETRY_READING))?;
+        self.turn.send(stream, &blueprint::under(root, blueprint::TURN))?;
         self.truth.send(stream, &blueprint::under(root, blueprint::TRUTH))
     }
 }
