@@ -36,6 +36,7 @@ const EARTH: f64 = 6_378_137.0;
 
 /// What the boxes of a detector and visual odometry err by, measured in these drives.
 pub(super) fn set_noise(sensors: &mut Sensors3) {
+    sensors.movable = vec![0];
     sensors.reach = CAR_REACH;
     sensors.noise = PixelNoise { u: 3.0, v: 2.0, disparity: 1.0, share: 0.07 };
     // Cars that drive are as good as false.
