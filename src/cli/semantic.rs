@@ -8,7 +8,7 @@ use super::progress::{Bar, PERMILLE};
 use super::recording::check_target;
 use super::say::{print_line, say};
 use super::visual_inertial;
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, ensure};
 use clap::ValueEnum;
 use ipslam::association::Policy;
 use ipslam::detections::{DetectionKind, Recording, Recording3};
@@ -22,7 +22,7 @@ use ipslam::metrics::space::space_errors;
 use ipslam::metrics::trajectory::reference_errors;
 use ipslam::picture::object_map;
 #[cfg(feature = "record")]
-use ipslam::record::rerun::semantic::Mapping;
+use ipslam::record::rerun::semantic::{Mapping, Recorded};
 use ipslam::semantic::{
     Objects, Plane, SemanticConfig, SemanticError, SemanticMap, Space, Weight, World, map, map_known,
 };
@@ -116,7 +116,6 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     }
     #[cfg(feature = "images")]
     if pictures::is_in(&args.recording) {
-        ensure!(args.record.is_none(), UsageError("--record: pictures cannot be recorded yet".to_owned()));
         let outputs = args.out.open(&name)?;
         let made = outputs.path(PICTURES_RECORDING);
         args.pictures.convert(&args.recording, &made)?;
@@ -212,7 +211,7 @@ impl Output for Plane {
 
     #[cfg(not(feature = "record"))]
     fn record(_: &Path, _: &Task<'_>, _: &SemanticMap) -> anyhow::Result<()> {
-        bail!("--record needs {}", super::recording::FEATURE)
+        anyhow::bail!("--record needs {}", super::recording::FEATURE)
     }
 }
 
@@ -248,8 +247,15 @@ impl Output for Space {
         json!({ "scale": scale, "turn_scale": turn_scale })
     }
 
+    #[cfg(feature = "record")]
+    fn record(path: &Path, task: &Task<'_, Self>, found: &SemanticMap<Self>) -> anyhow::Result<()> {
+        ipslam::record::rerun::semantic::record(path, task.mapping(found))?;
+        Ok(())
+    }
+
+    #[cfg(not(feature = "record"))]
     fn record(_: &Path, _: &Task<'_, Self>, _: &SemanticMap<Self>) -> anyhow::Result<()> {
-        bail!("--record: how a map of space came about cannot be recorded yet")
+        anyhow::bail!("--record needs {}", super::recording::FEATURE)
     }
 }
 
@@ -325,9 +331,9 @@ impl<W: Output> Task<'_, W> {
 }
 
 #[cfg(feature = "record")]
-impl Task<'_> {
+impl<W: Recorded> Task<'_, W> {
     /// What is recorded of it.
-    pub fn mapping<'a>(&'a self, map: &'a SemanticMap) -> Mapping<'a> {
+    pub fn mapping<'a>(&'a self, map: &'a SemanticMap<W>) -> Mapping<'a, W> {
         let Self { name, recording, objects, config } = *self;
         Mapping { name, recording, objects, config, map }
     }
