@@ -121,7 +121,7 @@ fn nothing_seen_is_told() {
     assert!(map::<Space>(&recording, &config(), &|_| ()).is_err());
 }
 
-/// A street: every 15 m a car is parked on either side of it, one car drives ahead for ten seconds, and one comes the other way.
+/// A street: every 15 m a car is parked on either side of it, and one car drives ahead, a little faster.
 /// The oracle is written out here: boxes of cars 1.5 m high. And of each detection whether its car moves.
 fn street() -> (Recording3, Vec<Vec<bool>>) {
     const HEIGHT: f64 = 1.5;
@@ -134,8 +134,8 @@ fn street() -> (Recording3, Vec<Vec<bool>>) {
     for step in 0..120 {
         let stamp = 0.1 * f64::from(step);
         let way = 10.0 * stamp;
-        let traffic = [[0.5, 15.0 + 10.5 * stamp], [-2.0, 150.0 - 9.0 * stamp]];
-        let cars = parked.iter().map(|car| (*car, false)).chain(traffic.map(|car| (car, true)));
+        let ahead = [[0.5, 15.0 + 10.5 * stamp]];
+        let cars = parked.iter().map(|car| (*car, false)).chain(ahead.map(|car| (car, true)));
         let (mut detections, mut of_frame) = (Vec::new(), Vec::new());
         for ([x, z], is_moving) in cars {
             let ahead = z - way;
@@ -165,7 +165,7 @@ fn cars_that_move_are_no_landmarks() {
     let moving = moves.iter().flatten().filter(|moves| **moves).count();
     let right = found.moving.iter().filter(|(frame, detection)| moves[*frame][*detection]).count();
     let wrong = found.moving.len() - right;
-    assert!(moving > 140 && right * 100 > moving * 95, "{right} of {moving} detections of moving cars are left out");
+    assert!(moving == 120 && right * 100 > moving * 95, "{right} of {moving} detections of moving cars are left out");
     assert!(wrong <= 5, "{wrong} detections of parked cars are left out");
     assert!(all.moving.is_empty() && all.landmarks.len() > found.landmarks.len() + 5);
     assert!((18..=24).contains(&found.landmarks.len()), "{} landmarks", found.landmarks.len());
