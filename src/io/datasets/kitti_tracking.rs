@@ -36,7 +36,6 @@ const EARTH: f64 = 6_378_137.0;
 
 /// What the boxes of a detector and visual odometry err by, measured in these drives.
 pub(super) fn set_noise(sensors: &mut Sensors3) {
-    sensors.movable = vec![0];
     sensors.reach = CAR_REACH;
     sensors.noise = PixelNoise { u: 3.0, v: 2.0, disparity: 1.0, share: 0.07 };
     // Cars that drive are as good as false.
@@ -65,6 +64,7 @@ pub(super) fn read(folder: &Path) -> Result<Converted3, LogError> {
     let (frames, ids, cut) = read_boxes(&folder.join("det2d_rrc_car.csv"), poses.len(), &labels)?;
     let mut sensors = Sensors3::new(vec!["car".to_owned()], 1.0, calibration.camera, CAR_HEIGHT);
     sensors.robot_from_camera = calibration.robot_from_camera;
+    sensors.movable = vec![0];
     set_noise(&mut sensors);
     Ok(Converted3 {
         landmarks: standing(&labels, &trajectory),
