@@ -34,9 +34,9 @@ const POSSIBLE: &str = "Formats, by the endings of the names:
 
 Folders, by the files in them, become recordings of detections (a new folder):
   MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition, Starry Night (--rows),
-  KITTI tracking, KITTI odometry with simulated cars (--robot 5 or 6);
+  KITTI tracking, KITTI odometry with simulated cars (--robot 5 or 6), SLAM with objects (Stata);
 or of a camera with an inertial sensor: imu_tracks.csv of GTSAM (EuRoC);
-or, with --detector, of pictures (pictures.toml; a build with the feature images)";
+or, with --detector, of pictures (pictures.toml)";
 
 /// Writes a log, a map or a trajectory in another format, or a published set of detections as a recording.
 #[derive(Debug, clap::Args)]

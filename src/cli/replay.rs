@@ -82,13 +82,15 @@ mod with_recorder {
     use super::{ReplayArgs, refuse_other};
     use anyhow::{bail, ensure};
     use ipslam::config::{Config, SlamConfig};
+    use ipslam::detections::DetectionKind;
     use ipslam::grid::drawn;
     use ipslam::log::LogSource as _;
     use ipslam::pipeline::{Continued, Outcome, RunInfo};
     use ipslam::record::rerun::RerunObserver;
     use ipslam::record::rerun::read::{RecordedRun, RecordedStep, Store};
-    use ipslam::record::rerun::semantic::RecordedMapping;
+    use ipslam::record::rerun::semantic::{RecordedMapping, kind};
     use ipslam::report::{Event, Observer, StageTimes};
+    use ipslam::semantic::{Plane, Space};
     use serde_json::json;
     use std::cell::RefCell;
     use std::fmt::Write as _;
@@ -99,7 +101,10 @@ mod with_recorder {
         refuse_other(&args.recording)?;
         let store = Store::open(&args.recording)?;
         if let Config::Semantic(_) = store.info.config {
-            return replay_mapping(args, RecordedMapping::new(store)?);
+            return match kind(&store)? {
+                DetectionKind::Stereo => replay_mapping(args, RecordedMapping::<Space>::new(store)?),
+                _ => replay_mapping(args, RecordedMapping::<Plane>::new(store)?),
+            };
         }
         let recorded = RecordedRun::new(store)?;
         let shown = args.recording.display();

@@ -3,14 +3,17 @@
 use super::recording::refuse_input;
 use super::replay::ReplayArgs;
 use super::say::{print_line, say};
-use super::semantic::{Score, Task, verdict};
+use super::semantic::{Output, Score, Task, verdict};
 use anyhow::ensure;
-use ipslam::record::rerun::semantic::{RecordedMapping, record_beside};
+use ipslam::record::rerun::semantic::{Recorded, RecordedMapping, record_beside};
 use ipslam::semantic::SemanticMap;
 use serde_json::json;
 
 /// Maps the objects of a recording again.
-pub fn replay_mapping(args: &ReplayArgs, recorded: RecordedMapping) -> anyhow::Result<Vec<anyhow::Error>> {
+pub fn replay_mapping<W: Output + Recorded>(
+    args: &ReplayArgs,
+    recorded: RecordedMapping<W>,
+) -> anyhow::Result<Vec<anyhow::Error>> {
     let shown = args.recording.display();
     let store = recorded.store();
     ensure!(args.truth.is_empty(), "--relations and --reference score what `ipslam run` recorded");
@@ -25,7 +28,7 @@ pub fn replay_mapping(args: &ReplayArgs, recorded: RecordedMapping) -> anyhow::R
         refuse_input(path, Some(&args.recording))?;
     }
     let name = &store.info.log;
-    let task: Task<'_> = Task { name, recording: &recorded.recording, objects: recorded.objects(), config };
+    let task = Task::<W> { name, recording: &recorded.recording, objects: recorded.objects(), config };
     let (found, seconds) = task.map()?;
     task.write(&found, seconds, &Score::default(), &mut outputs)?;
     if let Some(path) = &record {
@@ -40,8 +43,8 @@ pub fn replay_mapping(args: &ReplayArgs, recorded: RecordedMapping) -> anyhow::R
         return Ok(std::mem::take(&mut outputs.errors));
     }
 
-    let distances = recorded.trajectory.iter().zip(&found.keyframes);
-    let distances = distances.map(|(was, is)| (was.pose.position() - is.pose.position()).norm());
+    let distances = recorded.poses.iter().zip(&found.keyframes);
+    let distances = distances.map(|(was, is)| W::apart(*was, is.pose).0);
     let apart = distances.fold(0.0, f64::max);
     let comparison = json!({
         "recorded": { "settings": recorded.config, "landmarks": recorded.result.landmarks, "objective": recorded.result.objective },
@@ -70,14 +73,18 @@ pub fn replay_mapping(args: &ReplayArgs, recorded: RecordedMapping) -> anyhow::R
 }
 
 /// The first keyframe of the forward pass, or sweep after it, that is not the same.
-fn first_difference(recorded: &RecordedMapping, found: &SemanticMap) -> Option<usize> {
+fn first_difference<W: Recorded>(recorded: &RecordedMapping<W>, found: &SemanticMap<W>) -> Option<usize> {
     let (was, is) = (&recorded.checksums, found.history.checksums());
     let shorter = (was.len() != is.len()).then_some(was.len().min(is.len()));
     was.iter().zip(&is).position(|(was, is)| was != is).or(shorter)
 }
 
 /// Whether the replay is the recorded mapping to the last bit.
-fn verify(recorded: &RecordedMapping, found: &SemanticMap, first_difference: Option<usize>) -> anyhow::Result<()> {
+fn verify<W: Recorded>(
+    recorded: &RecordedMapping<W>,
+    found: &SemanticMap<W>,
+    first_difference: Option<usize>,
+) -> anyhow::Result<()> {
     let keyframes = found.history.candidates.len();
     if let Some(step) = first_difference {
         match step.checked_sub(keyframes) {

@@ -8,7 +8,7 @@ use super::progress::{Bar, PERMILLE};
 use super::recording::check_target;
 use super::say::{print_line, say};
 use super::visual_inertial;
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, ensure};
 use clap::ValueEnum;
 use ipslam::association::Policy;
 use ipslam::detections::{DetectionKind, Recording, Recording3};
@@ -22,11 +22,12 @@ use ipslam::metrics::space::space_errors;
 use ipslam::metrics::trajectory::reference_errors;
 use ipslam::picture::object_map;
 #[cfg(feature = "record")]
-use ipslam::record::rerun::semantic::Mapping;
+use ipslam::record::rerun::semantic::{Mapping, Recorded};
 use ipslam::semantic::{
     Objects, Plane, SemanticConfig, SemanticError, SemanticMap, Space, Weight, World, map, map_known,
 };
 use serde_json::{Value, json};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -115,7 +116,6 @@ pub fn semantic(args: &SemanticArgs) -> anyhow::Result<Vec<anyhow::Error>> {
     }
     #[cfg(feature = "images")]
     if pictures::is_in(&args.recording) {
-        ensure!(args.record.is_none(), UsageError("--record: pictures cannot be recorded yet".to_owned()));
         let outputs = args.out.open(&name)?;
         let made = outputs.path(PICTURES_RECORDING);
         args.pictures.convert(&args.recording, &made)?;
@@ -163,9 +163,11 @@ fn map_and_write<W: Output>(
 pub trait Output: World {
     fn read_ids(path: &Path, recording: &Self::Recording) -> Result<truth::Ids, LogError>;
     fn write_trajectory(path: &Path, found: &SemanticMap<Self>) -> Result<(), WriteError>;
-    /// The path, from above.
+    /// The map with its z axis up.
+    fn upright<'a>(recording: &Self::Recording, found: &'a SemanticMap<Self>) -> Cow<'a, SemanticMap<Self>>;
+    /// The path of an upright map, from above.
     fn path(found: &SemanticMap<Self>) -> Vec<StampedPose>;
-    /// The distance to a true path after alignment \[m\], and that path from above, in the frame of the map.
+    /// The distance of an upright map's path to a true one after alignment \[m\], and the true one from above, in the frame of the map.
     fn compare(truth: &Path, found: &SemanticMap<Self>) -> Result<(Option<f64>, Vec<StampedPose>), LogError>;
     fn calibration(found: &SemanticMap<Self>) -> Value;
     fn record(path: &Path, task: &Task<'_, Self>, found: &SemanticMap<Self>) -> anyhow::Result<()>;
@@ -178,6 +180,10 @@ impl Output for Plane {
 
     fn write_trajectory(path: &Path, found: &SemanticMap) -> Result<(), WriteError> {
         tum::write(path, &found.trajectory())
+    }
+
+    fn upright<'a>(_: &Recording, found: &'a SemanticMap) -> Cow<'a, SemanticMap> {
+        Cow::Borrowed(found)
     }
 
     fn path(found: &SemanticMap) -> Vec<StampedPose> {
@@ -205,7 +211,7 @@ impl Output for Plane {
 
     #[cfg(not(feature = "record"))]
     fn record(_: &Path, _: &Task<'_>, _: &SemanticMap) -> anyhow::Result<()> {
-        bail!("--record needs {}", super::recording::FEATURE)
+        anyhow::bail!("--record needs {}", super::recording::FEATURE)
     }
 }
 
@@ -216,6 +222,10 @@ impl Output for Space {
 
     fn write_trajectory(path: &Path, found: &SemanticMap<Self>) -> Result<(), WriteError> {
         tum::write3(path, &found.trajectory3())
+    }
+
+    fn upright<'a>(recording: &Recording3, found: &'a SemanticMap<Self>) -> Cow<'a, SemanticMap<Self>> {
+        Cow::Owned(found.upright(&recording.sensors))
     }
 
     fn path(found: &SemanticMap<Self>) -> Vec<StampedPose> {
@@ -237,8 +247,15 @@ impl Output for Space {
         json!({ "scale": scale, "turn_scale": turn_scale })
     }
 
+    #[cfg(feature = "record")]
+    fn record(path: &Path, task: &Task<'_, Self>, found: &SemanticMap<Self>) -> anyhow::Result<()> {
+        ipslam::record::rerun::semantic::record(path, task.mapping(found))?;
+        Ok(())
+    }
+
+    #[cfg(not(feature = "record"))]
     fn record(_: &Path, _: &Task<'_, Self>, _: &SemanticMap<Self>) -> anyhow::Result<()> {
-        bail!("--record: how a map of space came about cannot be recorded yet")
+        anyhow::bail!("--record needs {}", super::recording::FEATURE)
     }
 }
 
@@ -281,7 +298,8 @@ impl<W: Output> Task<'_, W> {
         for (name, text) in results::files(W::labels(W::sensors(self.recording)).0, found) {
             outputs.write(name, text.as_bytes());
         }
-        match object_map(self.name, self.recording, found, &W::path(found), &score.reference) {
+        let shown = W::upright(self.recording, found);
+        match object_map(self.name, self.recording, &shown, &W::path(&shown), &score.reference) {
             Ok(files) => files.iter().for_each(|(name, bytes)| outputs.write(name, bytes)),
             Err(error) => outputs.note(Err(error)),
         }
@@ -290,6 +308,7 @@ impl<W: Output> Task<'_, W> {
             "seconds": seconds,
             "keyframes": found.keyframes.len(),
             "detections": found.detections,
+            "moving_detections": found.moving.len(),
             "landmarks": found.landmarks.len(),
             "objective": found.objective,
             "calibration": W::calibration(found),
@@ -312,9 +331,9 @@ impl<W: Output> Task<'_, W> {
 }
 
 #[cfg(feature = "record")]
-impl Task<'_> {
+impl<W: Recorded> Task<'_, W> {
     /// What is recorded of it.
-    pub fn mapping<'a>(&'a self, map: &'a SemanticMap) -> Mapping<'a> {
+    pub fn mapping<'a>(&'a self, map: &'a SemanticMap<W>) -> Mapping<'a, W> {
         let Self { name, recording, objects, config } = *self;
         Mapping { name, recording, objects, config, map }
     }
@@ -326,8 +345,12 @@ pub fn verdict<W: World>(found: &SemanticMap<W>) -> &'static str {
 }
 
 fn summary_line<W: World>(found: &SemanticMap<W>, seconds: f64) -> String {
+    let moving = match found.moving.len() {
+        0 => String::new(),
+        count => format!(", {count} of what moves left out"),
+    };
     format!(
-        "{} landmarks from {} detections in {} keyframes, {seconds:.1} s; objective {:.1}; {}",
+        "{} landmarks from {} detections in {} keyframes{moving}, {seconds:.1} s; objective {:.1}; {}",
         found.landmarks.len(),
         found.detections,
         found.keyframes.len(),
@@ -350,7 +373,8 @@ pub struct Score {
 impl Score {
     fn of<W: Output>(folder: &Path, recording: &W::Recording, found: &SemanticMap<W>) -> anyhow::Result<Self> {
         let existing = |name: &str| Some(folder.join(name)).filter(|path| path.is_file());
-        let compared = existing(truth::TRAJECTORY).map(|path| W::compare(&path, found)).transpose()?;
+        let compared =
+            existing(truth::TRAJECTORY).map(|path| W::compare(&path, &W::upright(recording, found))).transpose()?;
         let (rms, reference) = compared.unwrap_or_default();
         let ids = existing(truth::IDS).map(|path| W::read_ids(&path, recording)).transpose()?;
         Ok(Self { rms, right: ids.and_then(|ids| weight_on_right_landmark(&ids, &found.weights)), reference })

@@ -28,6 +28,8 @@ pub struct Sensors {
     /// Probability of a label: a row for each true class, a column for each class that the detector names. Rows sum
     /// to 1.
     pub confusion: Vec<Vec<f64>>,
+    /// Numbers of the classes whose objects may move; those that do are not mapped.
+    pub movable: Vec<usize>,
     /// Where the detector is mounted.
     pub robot_from_sensor: Pose,
     /// Errors of ranges and bearings.
@@ -132,6 +134,7 @@ impl Sensors {
             kind: DetectionKind::default(),
             confusion: even_confusion(classes.len(), label_accuracy),
             classes,
+            movable: Vec::new(),
             robot_from_sensor: Pose::IDENTITY,
             noise: DetectionNoise::default(),
             view: View::default(),
@@ -145,7 +148,7 @@ impl Sensors {
     /// # Errors
     /// The first value that cannot be, with what could.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        validate_labels(&self.classes, &self.confusion)?;
+        validate_labels(&self.classes, &self.confusion, &self.movable)?;
         self.noise.check("noise")?;
         self.view.check("view")?;
         self.detector.check("detector")?;
@@ -170,9 +173,16 @@ impl Sensors {
 }
 
 /// Whether classes and the probabilities of their labels can be.
-pub(super) fn validate_labels(classes: &[String], confusion: &[Vec<f64>]) -> Result<(), ConfigError> {
+pub(super) fn validate_labels(
+    classes: &[String],
+    confusion: &[Vec<f64>],
+    movable: &[usize],
+) -> Result<(), ConfigError> {
     check_classes(classes)?;
     let count = classes.len();
+    if let Some(class) = movable.iter().find(|class| **class >= count) {
+        return Err(ConfigError::value("movable", class, format!("numbers of classes, of which there are {count}")));
+    }
     if confusion.len() != count || confusion.iter().any(|row| row.len() != count) {
         let expected = format!("{count} rows of {count} numbers, as there are {count} classes");
         return Err(ConfigError::value("confusion", "of another size", expected));

@@ -28,6 +28,8 @@ pub struct Sensors3 {
     /// Probability of a label: a row for each true class, a column for each class that the detector names. Rows sum
     /// to 1.
     pub confusion: Vec<Vec<f64>>,
+    /// Numbers of the classes whose objects may move; those that do are not mapped.
+    pub movable: Vec<usize>,
     /// The camera; of two the left one.
     pub camera: Pinhole,
     /// The distance of two cameras \[m\], or the height of the objects.
@@ -115,6 +117,7 @@ impl Sensors3 {
         Self {
             confusion: even_confusion(classes.len(), label_accuracy),
             classes,
+            movable: Vec::new(),
             camera,
             baseline,
             reach: 0.0,
@@ -130,7 +133,7 @@ impl Sensors3 {
     /// # Errors
     /// The first value that cannot be, with what could.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        validate_labels(&self.classes, &self.confusion)?;
+        validate_labels(&self.classes, &self.confusion, &self.movable)?;
         self.noise.check("noise")?;
         self.detector.check("detector")?;
         self.odometry.check("odometry")?;

@@ -9,6 +9,9 @@ use std::f64::consts::TAU;
 /// normal errors none is expected beyond three standard deviations.
 pub const LOSS_SCALE: f64 = 3.0;
 
+/// 99.9 % of χ², with as many degrees of freedom as a landmark has coordinates: two and three.
+pub const GATES: [f64; 2] = [13.8, 16.3];
+
 /// A detection and a landmark that it may show, whose numbers start at the row `first` of Σ.
 #[derive(Clone, Copy, Debug)]
 pub struct Pair<L: Linear> {

@@ -5,12 +5,11 @@
 //! Landmarks of clutter are dropped in the same way.
 
 use super::estimate::Estimate;
+use super::linear::GATES;
 use super::world::World;
 use super::{Mapping, SemanticError};
 use nalgebra::{DMatrix, DVector};
 
-/// 99.9 % of χ², with as many degrees of freedom as a landmark has coordinates: two and three.
-const GATES: [f64; 2] = [13.8, 16.3];
 /// No object is mapped this far from itself \[m\]: without the bound, landmarks of a loop that is not closed yet, which are
 /// uncertain by metres, would all be alike.
 const FARTHEST: f64 = 1.5;

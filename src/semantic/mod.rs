@@ -30,6 +30,7 @@
 //! | `estimate`, `objective` | path, map and weights; how good they are |
 //! | `history` | hypotheses and sweeps that led to the result |
 //! | `e_step`, `m_step` | the sweeps |
+//! | `moving` | detections of objects that move |
 //! | `merging` | landmarks mapped twice, and clutter |
 //! | `result` | the result |
 //! | `verdict` | whether the map is consistent with the data |
@@ -47,6 +48,7 @@ mod keyframes;
 mod linear;
 mod m_step;
 mod merging;
+mod moving;
 mod objective;
 mod progress;
 mod result;
@@ -60,7 +62,7 @@ pub use estimate::Landmark;
 pub use history::{Candidate, History, Sweep};
 pub use result::{Mapped, RunScore, SemanticMap, Weight};
 pub use verdict::Verdict;
-pub use world::{Plane, Space, Square, World};
+pub use world::{Plane, Seen, Space, Square, World};
 
 use crate::factor_graph::{GraphError, VariableId};
 use crate::parameters::ConfigError;
@@ -110,7 +112,10 @@ pub fn map<W: World>(
     config: &SemanticConfig,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<SemanticMap<W>, SemanticError> {
-    with_mapping(recording, config, progress, |_, _| true, |mapping| mapping.map())
+    let moving = moving::moving(recording, &SensorModel::<W>::new(recording));
+    let stands = |frame, detection| !moving.contains(&(frame, detection));
+    let found = with_mapping(recording, config, progress, stands, |mapping| mapping.map())?;
+    Ok(SemanticMap { moving: moving.into_iter().collect(), ..found })
 }
 
 /// Maps a recording with known associations: the best that the other parts can reach. Detections of no object are left out.
@@ -343,6 +348,7 @@ impl<W: World> Mapping<'_, W> {
             detection_probability: estimate.detection_probability,
             objective,
             runs,
+            moving: Vec::new(),
             detections: self.keyframes.iter().map(|keyframe| keyframe.seen.len()).sum(),
             history,
         }

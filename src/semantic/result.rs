@@ -4,8 +4,10 @@ use super::estimate::Landmark;
 use super::history::History;
 use super::verdict::Verdict;
 use super::world::{Plane, Space, Square, World};
-use crate::geometry::{StampedPose, StampedPose3};
+use crate::detections::Sensors3;
+use crate::geometry::{Pose3, StampedPose, StampedPose3};
 use crate::report::Bits;
+use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 
 /// A weight of the E step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,6 +63,8 @@ pub struct SemanticMap<W: World = Plane> {
     pub objective: f64,
     /// All runs, in the order of [`NEW_DENSITIES`](super::NEW_DENSITIES); empty if the associations were known.
     pub runs: Vec<RunScore>,
+    /// Frame and number of each detection that was left out because its object moves.
+    pub moving: Vec<(usize, usize)>,
     /// Number of detections that were used.
     pub detections: usize,
     /// Whether the map is consistent with the data.
@@ -80,6 +84,41 @@ impl SemanticMap<Space> {
     /// The path.
     pub fn trajectory3(&self) -> Vec<StampedPose3> {
         self.keyframes.iter().map(|&Mapped { stamp, pose, .. }| StampedPose3 { stamp, pose }).collect()
+    }
+
+    /// The map, turned so that its z axis points up and x and y show it from above.
+    pub fn upright(&self, sensors: &Sensors3) -> Self {
+        let turn = self.above_from_world(sensors);
+        let turned = Pose3::new(Point3::origin(), turn);
+        let matrix = turn.to_rotation_matrix().into_inner();
+        let mut map = self.clone();
+        map.keyframes.iter_mut().for_each(|keyframe| keyframe.pose = turned * keyframe.pose);
+        map.history.candidates.iter_mut().flatten().for_each(|candidate| candidate.pose = turned * candidate.pose);
+        let sweeps = &mut map.history.sweeps;
+        sweeps.iter_mut().flat_map(|sweep| &mut sweep.poses).for_each(|pose| *pose = turned * *pose);
+        for landmark in sweeps.iter_mut().flat_map(|sweep| &mut sweep.landmarks).chain(&mut map.landmarks) {
+            landmark.position = turn * landmark.position;
+            landmark.covariance = matrix * landmark.covariance * matrix.transpose();
+        }
+        map
+    }
+
+    /// Up is where path and landmarks extend least, on the side to which the upper edge of pictures points, or against the view of
+    /// a camera that sees the floor.
+    fn above_from_world(&self, sensors: &Sensors3) -> UnitQuaternion<f64> {
+        let path = self.keyframes.iter().map(|keyframe| keyframe.pose.position);
+        let points: Vec<Point3<f64>> = path.chain(self.landmarks.iter().map(|landmark| landmark.position)).collect();
+        let mean = points.iter().map(|point| point.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64;
+        let square = |point: &Point3<f64>| (point.coords - mean) * (point.coords - mean).transpose();
+        let spread = points.iter().map(square).sum::<Matrix3<f64>>().symmetric_eigen();
+        let up = spread.eigenvectors.column(spread.eigenvalues.imin()).into_owned();
+        let above = sensors.robot_from_camera.rotation * Vector3::new(0.0, -1.0, -1.0);
+        let seen = self.keyframes.iter().map(|keyframe| keyframe.pose.rotation * above).sum::<Vector3<f64>>();
+        let up = if up.dot(&seen) < 0.0 { -up } else { up };
+        let along = if up.x.abs() < 0.9 { Vector3::x() } else { Vector3::z() };
+        let x = (along - up * up.dot(&along)).normalize();
+        let world_from_above = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, up.cross(&x), up]));
+        UnitQuaternion::from_rotation_matrix(&world_from_above).inverse()
     }
 }
 

@@ -433,6 +433,7 @@ fn objects() -> (Recording, SemanticMap) {
         detection_probability: 0.9,
         objective: 0.0,
         runs: Vec::new(),
+        moving: Vec::new(),
         detections: 3,
         verdict: evidence,
         history: History::default(),

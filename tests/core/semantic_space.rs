@@ -1,7 +1,7 @@
 //! Semantic SLAM in space, in a world that is known: a camera that climbs and dips on its way round twelve objects.
 
 use super::normals;
-use ipslam::detections::{Detection3, Frame, Odometry3, Recording3, Sensors3, Velocity3};
+use ipslam::detections::{Detection3, Frame, Odometry3, PixelNoise, Recording3, Sensors3, Velocity3};
 use ipslam::geometry::{Pinhole, Pose3, StampedPose3};
 use ipslam::metrics::space::space_errors;
 use ipslam::semantic::{SemanticConfig, SemanticMap, Space, map, map_known};
@@ -119,4 +119,72 @@ fn nothing_seen_is_told() {
     let (mut recording, ..) = recording();
     recording.frames.iter_mut().for_each(|frame| frame.detections.clear());
     assert!(map::<Space>(&recording, &config(), &|_| ()).is_err());
+}
+
+/// A street: every 15 m a car is parked on either side of it, and one car drives ahead, a little faster.
+/// The oracle is written out here: boxes of cars 1.5 m high. And of each detection whether its car moves.
+fn street() -> (Recording3, Vec<Vec<bool>>) {
+    const HEIGHT: f64 = 1.5;
+    let mut sensors = Sensors3::new(vec!["car".to_owned()], 1.0, CAMERA, HEIGHT);
+    sensors.noise = PixelNoise { u: 2.0, v: 2.0, disparity: 1.0, share: 0.05 };
+    let parked: Vec<[f64; 2]> =
+        (0..24).map(|car| [if car % 2 == 0 { -4.0 } else { 4.0 }, 15.0 * f64::from(car / 2)]).collect();
+    let mut noise = normals(9);
+    let (mut frames, mut moves, mut speeds) = (Vec::new(), Vec::new(), Vec::new());
+    for step in 0..120 {
+        let stamp = 0.1 * f64::from(step);
+        let way = 10.0 * stamp;
+        let ahead = [[0.5, 15.0 + 10.5 * stamp]];
+        let cars = parked.iter().map(|car| (*car, false)).chain(ahead.map(|car| (car, true)));
+        let (mut detections, mut of_frame) = (Vec::new(), Vec::new());
+        for ([x, z], is_moving) in cars {
+            let ahead = z - way;
+            let [u, v] = [400.0 * x / ahead + 320.0, 410.0 / ahead + 240.0];
+            if (5.0..40.0).contains(&ahead) && (0.0..640.0).contains(&u) {
+                let height = 400.0 * HEIGHT / ahead;
+                let mut errs = |sigma: f64| sigma.hypot(0.05 * height) * noise.next().unwrap();
+                let (pixel, disparity) = ([u + errs(2.0), v + errs(2.0)], height + errs(1.0));
+                detections.push(Detection3 { class: 0, score: 1.0, pixel, disparity });
+                of_frame.push(is_moving);
+            }
+        }
+        frames.push(Frame { stamp, detections });
+        moves.push(of_frame);
+        speeds.push(Velocity3 { stamp, linear: Vector3::new(0.0, 0.0, 10.0), angular: Vector3::zeros() });
+    }
+    (Recording3 { sensors, odometry: Odometry3::Velocities(speeds), frames }, moves)
+}
+
+/// Where cars may move, those that do are left out, and those that stand are mapped; where not, rows of cars are mapped.
+#[test]
+fn cars_that_move_are_no_landmarks() {
+    let (mut recording, moves) = street();
+    let all: SemanticMap<Space> = map(&recording, &config(), &|_| ()).unwrap();
+    recording.sensors.movable = vec![0];
+    let found: SemanticMap<Space> = map(&recording, &config(), &|_| ()).unwrap();
+    let moving = moves.iter().flatten().filter(|moves| **moves).count();
+    let right = found.moving.iter().filter(|(frame, detection)| moves[*frame][*detection]).count();
+    let wrong = found.moving.len() - right;
+    assert!(moving == 120 && right * 100 > moving * 95, "{right} of {moving} detections of moving cars are left out");
+    assert!(wrong <= 5, "{wrong} detections of parked cars are left out");
+    assert!(all.moving.is_empty() && all.landmarks.len() > found.landmarks.len() + 5);
+    assert!((18..=24).contains(&found.landmarks.len()), "{} landmarks", found.landmarks.len());
+}
+
+/// The first pose is turned anyhow; upright, heights are those of the world.
+#[test]
+fn an_upright_map_has_the_heights_of_the_world() {
+    let (recording, truth, _) = recording();
+    let found: SemanticMap<Space> = map(&recording, &config(), &|_| ()).unwrap();
+    let start = truth[0].pose.position.z;
+    let upright = found.upright(&recording.sensors);
+    let off = |map: &SemanticMap<Space>| {
+        let heights = map.keyframes.iter().zip(&truth);
+        heights
+            .map(|(mapped, truth)| (mapped.pose.position.z + start - truth.pose.position.z).abs())
+            .fold(0.0, f64::max)
+    };
+    // Up is found by where path and objects extend least, which is not quite the vertical.
+    assert!(off(&upright) < 0.3 && off(&found) > 1.0, "{} m, before {} m", off(&upright), off(&found));
+    assert!((rms(&truth, &upright.trajectory3()) - rms(&truth, &found.trajectory3())).abs() < 1e-9);
 }

@@ -1,12 +1,13 @@
 //! Objects are mapped, recorded, and mapped again from the recording.
 use ipslam::config::SemanticConfig;
-use ipslam::detections::{Detection, Frame, Odometry, Recording, Sensors, Velocity, View};
-use ipslam::geometry::Pose;
+use ipslam::detections::{Detection, Detection3, Frame, Odometry, Odometry3, Recording, Recording3, Sensors, Sensors3};
+use ipslam::detections::{Velocity, Velocity3, View};
+use ipslam::geometry::{Pinhole, Pose};
 use ipslam::io::semantic as recordings;
 use ipslam::record::rerun::read::Store;
 use ipslam::record::rerun::semantic::{self, Mapping, RecordedMapping};
-use ipslam::semantic::{SemanticMap, map};
-use nalgebra::Point2;
+use ipslam::semantic::{SemanticMap, Space, map};
+use nalgebra::{Point2, Point3, UnitQuaternion, Vector3};
 use rerun::components::{LineStrip2D, Position2D};
 use rerun::{ChunkStore, ChunkStoreConfig, Component, ComponentDescriptor, LineStrips2D, Points2D, StoreKind};
 use std::path::Path;
@@ -82,9 +83,9 @@ fn a_recording_holds_the_mapping() {
     let folder = tempfile::tempdir().unwrap();
     let (recording, found) = recorded(folder.path(), |_| ());
     let path = folder.path().join("circle.rrd");
-    let read = RecordedMapping::new(Store::open(&path).unwrap()).unwrap();
+    let read: RecordedMapping = RecordedMapping::new(Store::open(&path).unwrap()).unwrap();
     assert_eq!(read.recording, recording);
-    assert_eq!(read.trajectory, found.trajectory());
+    assert_eq!(read.poses, found.keyframes.iter().map(|keyframe| keyframe.pose).collect::<Vec<_>>());
     assert_eq!((read.result.checksum, &read.checksums), (found.checksum(), &found.history.checksums()));
     assert_eq!(read.config.beam, 4);
     assert!(found.landmarks.len() == 10 && found.weights.len() > 200, "{:?}", found.runs);
@@ -137,6 +138,60 @@ fn a_replay_is_the_mapping_to_the_last_bit() {
     assert!(text(&done.stderr).contains("record to another one"), "{}", text(&done.stderr));
 }
 
+/// A camera that turns round six posts; z is ahead.
+fn recording3() -> Recording3 {
+    let camera = Pinhole { focal: [300.0; 2], centre: [320.0, 240.0] };
+    let mut sensors = Sensors3::new(["tree", "car"].map(str::to_owned).to_vec(), 0.9, camera, 0.4);
+    sensors.robot_from_camera.rotation = UnitQuaternion::from_euler_angles(0.3, -0.2, 0.1);
+    let frame = |step: u32| {
+        let turn = UnitQuaternion::from_euler_angles(0.0, 0.08 * f64::from(step), 0.0);
+        let object = |number: u32| {
+            let (sin, cos) = (1.05 * f64::from(number)).sin_cos();
+            let in_world = Point3::new(4.0 * sin, 0.3 * f64::from(number) - 0.7, 4.0 * cos);
+            let seen = sensors.robot_from_camera.inverse() * (turn.inverse() * in_world);
+            // Errors of a pixel or so that repeat nowhere.
+            let off = f64::from((step * 7 + number * 5) % 11) / 11.0;
+            let pixel = [300.0 * seen.x / seen.z + 320.0 + off, 300.0 * seen.y / seen.z + 240.0 - off];
+            let is_seen = seen.z > 0.5 && pixel.iter().all(|number| (0.0..640.0).contains(number));
+            is_seen.then_some(Detection3 { class: number as usize % 2, score: 1.0, pixel, disparity: 120.0 / seen.z })
+        };
+        Frame { stamp: 0.5 * f64::from(step), detections: (0..6).filter_map(object).collect() }
+    };
+    let frames = (0..90).map(frame).collect();
+    let (linear, angular) = (Vector3::zeros(), Vector3::new(0.0, 0.16, 0.0));
+    let odometry = Odometry3::Velocities(vec![Velocity3 { stamp: 0.0, linear, angular }]);
+    Recording3 { sensors, odometry, frames }
+}
+
+#[test]
+fn a_replay_in_space_is_the_mapping_to_the_last_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    recordings::write3(&folder.path().join("posts"), &recording3()).unwrap();
+    let done = ipslam(folder.path(), &["semantic", "posts", "--beam", "4", "--record", "posts.rrd"]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let path = folder.path().join("posts.rrd");
+    let read = RecordedMapping::<Space>::new(Store::open(&path).unwrap()).unwrap();
+    assert_eq!(read.recording, recording3());
+    assert!(read.result.landmarks == 6 && read.poses.len() > 80, "{:?}", read.result);
+    let seen: Vec<(i64, Vec<Position2D>)> =
+        rows(&path, semantic::CAMERA_SEEN, "frame", &Points2D::descriptor_positions());
+    let landmarks: Vec<(i64, Vec<Position2D>)> =
+        rows(&path, semantic::CAMERA_LANDMARKS, "frame", &Points2D::descriptor_positions());
+    assert!(seen.len() == read.poses.len() && landmarks.len() == seen.len());
+    // Each object is seen where its landmark is.
+    for ((_, seen), (_, landmarks)) in seen.iter().zip(&landmarks) {
+        assert_eq!(seen.len(), landmarks.len());
+        let near = |a: &Position2D, b: &Position2D| (a.x() - b.x()).hypot(a.y() - b.y()) < 6.0;
+        assert!(
+            seen.iter().all(|seen| landmarks.iter().any(|landmark| near(seen, landmark))),
+            "{seen:?} {landmarks:?}"
+        );
+    }
+    let done = ipslam(folder.path(), &["replay", "posts.rrd", "--verify"]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    assert!(text(&done.stdout).contains("identical bit for bit"), "{}", text(&done.stdout));
+}
+
 #[test]
 fn a_replay_of_known_objects_knows_them() {
     let folder = tempfile::tempdir().unwrap();
@@ -150,7 +205,7 @@ fn a_replay_of_known_objects_knows_them() {
     recordings::truth::write_ids(&path, &recording.frames, &ids).unwrap();
     let done = ipslam(folder.path(), &["semantic", "circle", "--known-ids", "ids.csv", "--record", "known.rrd"]);
     assert!(done.status.success(), "{}", text(&done.stderr));
-    let read = RecordedMapping::new(Store::open(&folder.path().join("known.rrd")).unwrap()).unwrap();
+    let read: RecordedMapping = RecordedMapping::new(Store::open(&folder.path().join("known.rrd")).unwrap()).unwrap();
     assert_eq!(read.objects, Some(ids));
     let done = ipslam(folder.path(), &["replay", "known.rrd", "--verify"]);
     assert!(done.status.success(), "{}", text(&done.stderr));

@@ -64,6 +64,7 @@ pub(super) fn read(folder: &Path) -> Result<Converted3, LogError> {
     let (frames, ids, cut) = read_boxes(&folder.join("det2d_rrc_car.csv"), poses.len(), &labels)?;
     let mut sensors = Sensors3::new(vec!["car".to_owned()], 1.0, calibration.camera, CAR_HEIGHT);
     sensors.robot_from_camera = calibration.robot_from_camera;
+    sensors.movable = vec![0];
     set_noise(&mut sensors);
     Ok(Converted3 {
         landmarks: standing(&labels, &trajectory),

@@ -22,6 +22,7 @@ mod kitti_tracking;
 mod lost_in_woods;
 mod mrclam;
 mod starry_night;
+mod stata_objects;
 mod victoria_park;
 
 /// A set that is known.
@@ -48,6 +49,8 @@ pub enum Dataset3 {
     KittiTracking,
     /// The way of KITTI odometry with parked cars, boxes and odometry that are simulated: semi-synthetic.
     KittiOdometry,
+    /// "SLAM with objects": a camera with depth among furniture (Mu, Liu, Paull, Leonard, How, IROS 2016).
+    StataObjects,
 }
 
 /// What is chosen of a set; what is not is as the set is known best.
@@ -119,6 +122,9 @@ pub fn recognise3(folder: &Path) -> Option<Dataset3> {
     if has("det2d_rrc_car.csv") && has("calib.txt") {
         return Some(Dataset3::KittiTracking);
     }
+    if has("detections_3d.csv") && has("frames.csv") {
+        return Some(Dataset3::StataObjects);
+    }
     (has("05.txt") && has("05_times.txt")).then_some(Dataset3::KittiOdometry)
 }
 
@@ -128,13 +134,13 @@ impl Dataset3 {
     /// # Errors
     /// As for [`Dataset::read`].
     pub fn read(self, folder: &Path, options: &Options) -> Result<Converted3, ConvertError> {
-        if let (Some(_), Self::KittiTracking | Self::KittiOdometry) = (options.rows, self) {
+        if let (Some(_), Self::KittiTracking | Self::KittiOdometry | Self::StataObjects) = (options.rows, self) {
             return Err(ConfigError::value("--rows", "given", "left out, as all of this set is used").into());
         }
         let classes = options.classes.filter(|classes| *classes != 1 && self != Self::StarryNight);
         if let Some(classes) = classes {
             return Err(
-                ConfigError::value("--classes", classes, "left out, as all objects of this set are cars").into()
+                ConfigError::value("--classes", classes, "left out, as the classes of this set are known").into()
             );
         }
         if self != Self::KittiOdometry {
@@ -144,6 +150,7 @@ impl Dataset3 {
             Self::StarryNight => starry_night::read(folder, &Labels::new("point", 1, options)?, options.rows)?,
             Self::KittiTracking => kitti_tracking::read(folder)?,
             Self::KittiOdometry => kitti_odometry::read(folder, options.robot.unwrap_or(6), options)?,
+            Self::StataObjects => stata_objects::read(folder, options)?,
         })
     }
 }
@@ -301,8 +308,12 @@ pub fn write3(folder: &Path, converted: &Converted3) -> Result<(), WriteError> {
     let Converted { recording, ids, trajectory, landmarks, .. } = converted;
     std::fs::create_dir_all(folder).map_err(|source| WriteError { path: folder.to_owned(), source })?;
     truth::write_ids(&folder.join(truth::IDS), &recording.frames, ids)?;
-    tum::write3(&folder.join(truth::TRAJECTORY), trajectory)?;
-    truth::write_landmarks(&folder.join(truth::LANDMARKS), landmarks, &recording.sensors.classes)?;
+    if !trajectory.is_empty() {
+        tum::write3(&folder.join(truth::TRAJECTORY), trajectory)?;
+    }
+    if !landmarks.is_empty() {
+        truth::write_landmarks(&folder.join(truth::LANDMARKS), landmarks, &recording.sensors.classes)?;
+    }
     semantic::write3(folder, recording)
 }
 

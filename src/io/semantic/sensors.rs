@@ -33,6 +33,8 @@ struct SensorsFile {
     label_accuracy: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     confusion: Option<Vec<Vec<f64>>>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    movable: Vec<String>,
     #[serde(default)]
     mounting: Mounting,
     #[serde(default)]
@@ -65,6 +67,8 @@ struct Sensors3File {
     label_accuracy: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     confusion: Option<Vec<Vec<f64>>>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    movable: Vec<String>,
     camera: CameraTable,
     #[serde(default)]
     noise: PixelNoise,
@@ -95,12 +99,20 @@ fn unturned() -> [f64; 4] {
 
 /// What the detections of a recording are.
 pub(super) fn read_kind(path: &Path) -> Result<DetectionKind, LogError> {
+    read_as(path, kind)
+}
+
+/// What the detections are of sensors with such a text.
+///
+/// # Errors
+/// The number of a line, from 1, and what is wrong with it.
+pub fn kind(text: &str) -> Result<DetectionKind, (u64, String)> {
     #[derive(Deserialize)]
     struct Kind {
         #[serde(default)]
         kind: DetectionKind,
     }
-    read_as(path, |text| parse(text, |Kind { kind }| Ok(kind)))
+    parse(text, |Kind { kind }| Ok(kind))
 }
 
 pub(super) fn read(path: &Path) -> Result<Sensors, LogError> {
@@ -109,7 +121,7 @@ pub(super) fn read(path: &Path) -> Result<Sensors, LogError> {
 
 /// The same for a robot of space.
 pub(in crate::io) fn read3(path: &Path) -> Result<Sensors3, LogError> {
-    read_as(path, |text| parse(text, resolve3))
+    read_as(path, from_toml3)
 }
 
 fn read_as<T>(path: &Path, parse: impl FnOnce(&str) -> Result<T, (u64, String)>) -> Result<T, LogError> {
@@ -123,6 +135,14 @@ fn read_as<T>(path: &Path, parse: impl FnOnce(&str) -> Result<T, (u64, String)>)
 /// The number of a line, from 1, and what is wrong with it.
 pub fn from_toml(text: &str) -> Result<Sensors, (u64, String)> {
     parse(text, resolve)
+}
+
+/// The same for a robot of space.
+///
+/// # Errors
+/// As for [`from_toml`].
+pub fn from_toml3(text: &str) -> Result<Sensors3, (u64, String)> {
+    parse(text, resolve3)
 }
 
 /// What a text says, or the line where it goes wrong, and why.
@@ -139,10 +159,13 @@ fn parse<F: DeserializeOwned, T>(
 }
 
 fn resolve(file: SensorsFile) -> Result<Sensors, ConfigError> {
-    let SensorsFile { kind, classes, label_accuracy, confusion, mounting, noise, view, detector, odometry } = file;
+    let SensorsFile { kind, classes, label_accuracy, confusion, movable, mounting, noise, view, detector, odometry } =
+        file;
+    let movable = numbers_of(&movable, &classes)?;
     let mut sensors = Sensors::new(classes, accuracy(label_accuracy, confusion.as_ref())?);
     sensors.kind = kind;
     sensors.confusion = confusion.unwrap_or(sensors.confusion);
+    sensors.movable = movable;
     sensors.robot_from_sensor = Pose::new(mounting.x, mounting.y, mounting.heading);
     sensors.noise = noise;
     sensors.view = view;
@@ -153,20 +176,34 @@ fn resolve(file: SensorsFile) -> Result<Sensors, ConfigError> {
 }
 
 fn resolve3(file: Sensors3File) -> Result<Sensors3, ConfigError> {
-    let Sensors3File { kind: _, classes, label_accuracy, confusion, camera, noise, detector, odometry } = file;
+    let Sensors3File { kind: _, classes, label_accuracy, confusion, movable, camera, noise, detector, odometry } = file;
+    let movable = numbers_of(&movable, &classes)?;
     let CameraTable { focal, centre, baseline, reach, position, quaternion: [x, y, z, w] } = camera;
     let rotation = Quaternion::new(w, x, y, z);
     check("camera.quaternion", rotation.norm(), 0.99..=1.01)?;
     let accuracy = accuracy(label_accuracy, confusion.as_ref())?;
     let mut sensors = Sensors3::new(classes, accuracy, Pinhole { focal, centre }, baseline);
     sensors.confusion = confusion.unwrap_or(sensors.confusion);
+    sensors.movable = movable;
     sensors.reach = reach;
-    sensors.robot_from_camera = Pose3::new(Point3::from(position), Unit::new_normalize(rotation));
+    // A unit quaternion stays what it is to the last bit, so that sensors that were written are read as they were.
+    let is_unit = (rotation.norm() - 1.0).abs() < 1e-12;
+    let rotation = if is_unit { Unit::new_unchecked(rotation) } else { Unit::new_normalize(rotation) };
+    sensors.robot_from_camera = Pose3::new(Point3::from(position), rotation);
     sensors.noise = noise;
     sensors.detector = detector;
     sensors.odometry = odometry;
     sensors.validate()?;
     Ok(sensors)
+}
+
+/// The numbers of classes.
+fn numbers_of(names: &[String], classes: &[String]) -> Result<Vec<usize>, ConfigError> {
+    let number = |name: &String| {
+        let found = classes.iter().position(|class| class == name);
+        found.ok_or_else(|| ConfigError::value("movable", format!("{name:.60}"), "names of `classes`"))
+    };
+    names.iter().map(number).collect()
 }
 
 /// The probability that a label is right, where no matrix tells it.
@@ -215,6 +252,7 @@ pub fn to_toml(sensors: &Sensors) -> std::io::Result<String> {
         classes: sensors.classes.clone(),
         label_accuracy,
         confusion: label_accuracy.is_none().then(|| sensors.confusion.clone()),
+        movable: sensors.movable.iter().filter_map(|class| sensors.classes.get(*class).cloned()).collect(),
         mounting: Mounting { x, y, heading },
         noise: sensors.noise,
         view: sensors.view,
@@ -226,6 +264,14 @@ pub fn to_toml(sensors: &Sensors) -> std::io::Result<String> {
 
 /// The same for a robot of space.
 pub(super) fn write3(sensors: &Sensors3, mut out: impl Write) -> std::io::Result<()> {
+    out.write_all(to_toml3(sensors)?.as_bytes())
+}
+
+/// The text of such a file, for a robot of space.
+///
+/// # Errors
+/// Such sensors cannot be.
+pub fn to_toml3(sensors: &Sensors3) -> std::io::Result<String> {
     sensors.validate().map_err(|error| invalid(error.to_string()))?;
     let Sensors3 {
         camera: Pinhole { focal, centre }, baseline, robot_from_camera: Pose3 { position, rotation }, ..
@@ -237,12 +283,13 @@ pub(super) fn write3(sensors: &Sensors3, mut out: impl Write) -> std::io::Result
         classes: sensors.classes.clone(),
         label_accuracy,
         confusion: label_accuracy.is_none().then(|| sensors.confusion.clone()),
+        movable: sensors.movable.iter().filter_map(|class| sensors.classes.get(*class).cloned()).collect(),
         camera: CameraTable { focal, centre, baseline, reach: sensors.reach, position: position.into(), quaternion },
         noise: sensors.noise,
         detector: sensors.detector,
         odometry: sensors.odometry,
     };
-    out.write_all(explained(&file)?.as_bytes())
+    explained(&file)
 }
 
 fn explained(file: &impl Serialize) -> std::io::Result<String> {

@@ -61,7 +61,7 @@ pub type Seen<D> = (f64, Vec<(usize, D)>);
 /// Where a robot moves and how it senses: [`Plane`] or [`Space`].
 pub trait World: Copy + Debug + PartialEq + Send + Sync + 'static {
     /// What was recorded.
-    type Recording: Sync;
+    type Recording: Sync + Debug;
     /// What is known about the sensors.
     type Sensors: Sync + Debug;
     /// What a detector says.
@@ -92,6 +92,8 @@ pub trait World: Copy + Debug + PartialEq + Send + Sync + 'static {
 
     /// Names of the classes, and p(label | class), a row for each class.
     fn labels(sensors: &Self::Sensors) -> (&[String], &[Vec<f64>]);
+    /// Numbers of the classes whose objects may move.
+    fn movable(sensors: &Self::Sensors) -> &[usize];
     /// The probability that an object in view is detected, by the description.
     fn detection_probability(sensors: &Self::Sensors) -> f64;
     /// The sensors of a recording.

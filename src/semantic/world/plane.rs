@@ -40,6 +40,10 @@ impl World for Plane {
         (&sensors.classes, &sensors.confusion)
     }
 
+    fn movable(sensors: &Sensors) -> &[usize] {
+        &sensors.movable
+    }
+
     fn detection_probability(sensors: &Sensors) -> f64 {
         sensors.detector.detection_probability
     }

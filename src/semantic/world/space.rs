@@ -36,6 +36,10 @@ impl World for Space {
         (&sensors.classes, &sensors.confusion)
     }
 
+    fn movable(sensors: &Sensors3) -> &[usize] {
+        &sensors.movable
+    }
+
     fn detection_probability(sensors: &Sensors3) -> f64 {
         sensors.detector.detection_probability
     }

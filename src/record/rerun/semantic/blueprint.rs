@@ -3,7 +3,7 @@
 
 use super::super::blueprint::{self as shared, ABOUT, colour, lines, map_view, plot, points, under, whole};
 use crate::picture::class_colour;
-use ::rerun::blueprint::{Blueprint, Horizontal, Tabs, TextDocumentView, Vertical};
+use ::rerun::blueprint::{Blueprint, Horizontal, Spatial2DView, Tabs, TextDocumentView, Vertical};
 use ::rerun::components::Radius;
 use ::rerun::{Arrows2D, Color, RecordingStream, RecordingStreamResult, SeriesLines, SeriesPoints, Transform3D};
 
@@ -42,6 +42,13 @@ pub const FRAME_SEEN: &str = "world/frame/detections";
 /// Which landmarks that shows.
 pub const FRAME_WEIGHTS: &str = "world/frame/weights";
 
+/// Detections in the picture.
+pub const CAMERA_SEEN: &str = "camera/detections";
+/// Where landmarks would be seen in it.
+pub const CAMERA_LANDMARKS: &str = "camera/landmarks";
+/// Which detections show which.
+pub const CAMERA_WEIGHTS: &str = "camera/weights";
+
 /// Hypotheses of the forward pass.
 pub const HYPOTHESIS_COUNT: &str = "plots/hypotheses";
 /// The objective.
@@ -78,6 +85,9 @@ pub(super) fn log_styles(stream: &RecordingStream, root: &str) -> RecordingStrea
     for seen in [SEEN, FRAME_SEEN] {
         stream.log_static(at(seen), &points(3.0, 50.0))?;
     }
+    stream.log_static(at(CAMERA_SEEN), &points(4.0, 50.0))?;
+    stream.log_static(at(CAMERA_LANDMARKS), &points(8.0, 40.0))?;
+    stream.log_static(at(CAMERA_WEIGHTS), &lines(ELLIPSE, 0.6, 45.0))?;
     stream.log_static(at(HYPOTHESES), &points(2.5, 55.0))?;
     stream.log_static(at(LANDMARKS), &points(6.0, 40.0))?;
     stream.log_static(at(ELLIPSES), &lines(ELLIPSE, 1.0, 35.0))?;
@@ -97,10 +107,19 @@ pub(super) fn log_styles(stream: &RecordingStream, root: &str) -> RecordingStrea
     stream.log_static(at(LANDMARK_COUNT), &dots("landmarks"))
 }
 
-/// One map for each root, and plots that all share.
-pub(super) fn views(roots: &[&str]) -> Blueprint {
+/// One map for each root, and below it what the camera saw, where there is one; and plots that all share.
+pub(super) fn views(roots: &[&str], has_pictures: bool) -> Blueprint {
     let title = |root: &str| if root.is_empty() { LEGEND.to_owned() } else { format!("{root}: {LEGEND}") };
-    let maps = roots.iter().map(|root| map_view(&title(root), root).into());
+    let camera = |root: &str| {
+        let (origin, contents) = (under(root, "camera"), format!("{}/**", under(root, "camera")));
+        Spatial2DView::new("Camera: detections, landmarks large").with_origin(origin).with_contents([contents])
+    };
+    let maps = roots.iter().map(|root| match has_pictures {
+        true => {
+            Vertical::new([map_view(&title(root), root).into(), camera(root).into()]).with_row_shares([2.5, 1.0]).into()
+        }
+        false => map_view(&title(root), root).into(),
+    });
     let all = |name, path: &str| plot(name, roots.iter().map(|root| under(root, path)));
     let plots = Vertical::new([
         all("Hypotheses of the forward pass", HYPOTHESIS_COUNT),

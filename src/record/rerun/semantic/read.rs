@@ -2,13 +2,13 @@
 
 use super::super::blueprint as shared;
 use super::super::read::{ReadError, Store};
-use super::super::rows::{Numbers, exactly, text};
+use super::super::rows::{Numbers, text};
 use super::blueprint;
+use super::worlds::Recorded;
 use crate::config::Config;
-use crate::detections::{Detection, Frame, Odometry, Recording, Velocity};
-use crate::geometry::StampedPose;
+use crate::detections::DetectionKind;
 use crate::io::semantic::sensors;
-use crate::semantic::{Objects, SemanticConfig};
+use crate::semantic::{Objects, Plane, SemanticConfig};
 
 /// What a recording holds of the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,23 +23,37 @@ pub struct MappingResult {
 
 /// A mapping of objects, read back.
 #[derive(Debug)]
-pub struct RecordedMapping {
+pub struct RecordedMapping<W: Recorded = Plane> {
     store: Store,
     /// What was mapped.
-    pub recording: Recording,
+    pub recording: W::Recording,
     /// Which objects the detections show, if that was known.
     pub objects: Option<Vec<Vec<Option<u64>>>>,
     /// Everything that was set.
     pub config: SemanticConfig,
     /// [`History::checksums`](crate::semantic::History::checksums).
     pub checksums: Vec<u32>,
-    /// The path.
-    pub trajectory: Vec<StampedPose>,
+    /// Pose of each keyframe.
+    pub poses: Vec<W::Pose>,
     /// What came out.
     pub result: MappingResult,
 }
 
-impl RecordedMapping {
+/// What the detections in a recording of a mapping are: of the plane, or of space.
+///
+/// # Errors
+/// It is no recording of a mapping, or a damaged one.
+pub fn kind(store: &Store) -> Result<DetectionKind, ReadError> {
+    let mut found = None;
+    for chunk in store.chunks()? {
+        let (_, chunk) = chunk?;
+        found = found.or_else(|| text(&chunk, blueprint::SENSORS));
+    }
+    let kind = found.and_then(|text| sensors::kind(&text).ok());
+    kind.ok_or_else(|| store.not("its sensors are missing or damaged"))
+}
+
+impl<W: Recorded> RecordedMapping<W> {
     /// Reads what a file holds.
     ///
     /// # Errors
@@ -55,15 +69,15 @@ impl RecordedMapping {
             numbers.add(&chunk);
             sensors = sensors.or_else(|| text(&chunk, blueprint::SENSORS));
         }
-        let recording = sensors.and_then(|sensors| recording(&sensors, &numbers)).ok_or_else(|| damaged("log"))?;
+        let [speeds, poses, detections] =
+            [blueprint::SPEEDS, shared::ODOMETRY_READING, blueprint::DETECTIONS].map(|path| rows(&numbers, path));
+        let recording = sensors.and_then(|sensors| W::recording(&sensors, speeds, poses, detections));
+        let recording = recording.ok_or_else(|| damaged("log"))?;
         let ids: Vec<_> = rows(&numbers, blueprint::IDS).map(|row| row.iter().copied().map(id).collect()).collect();
         let checksum = |row: &[f64]| Some(*row.first()? as u32);
         let checksums = rows(&numbers, shared::CHECKSUM).map(checksum);
-        let stamped = |row: &[f64]| {
-            let &[x, y, heading, stamp] = row.as_array()?;
-            Some(StampedPose { stamp, pose: exactly(x, y, heading) })
-        };
-        let poses = rows(&numbers, shared::POSE).map(stamped);
+        let pose = |row: &[f64]| W::pose(row.split_last()?.1);
+        let poses = rows(&numbers, shared::POSE).map(pose);
         let result = numbers.rows(shared::RESULT).next_back().and_then(|(_, row)| row.as_array());
         let &[checksum, landmarks, objective] = result.ok_or_else(|| damaged("result"))?;
         Ok(Self {
@@ -71,7 +85,7 @@ impl RecordedMapping {
             objects: Some(ids).filter(|ids| !ids.is_empty()),
             config,
             checksums: checksums.collect::<Option<_>>().ok_or_else(|| damaged("history"))?,
-            trajectory: poses.collect::<Option<_>>().ok_or_else(|| damaged("trajectory"))?,
+            poses: poses.collect::<Option<_>>().ok_or_else(|| damaged("trajectory"))?,
             result: MappingResult { checksum: checksum as u32, landmarks: landmarks as usize, objective },
             store,
         })
@@ -105,33 +119,4 @@ fn rows<'a>(numbers: &'a Numbers, path: &str) -> impl Iterator<Item = &'a [f64]>
 
 fn id(number: f64) -> Option<u64> {
     (!number.is_nan()).then_some(number as u64)
-}
-
-/// `None` where a row has another length than it can have.
-fn recording(sensors: &str, numbers: &Numbers) -> Option<Recording> {
-    let sensors = sensors::from_toml(sensors).ok()?;
-    let speed = |row: &[f64]| {
-        let &[forward, turn, stamp] = row.as_array()?;
-        Some(Velocity { stamp, forward, turn })
-    };
-    let pose = |row: &[f64]| {
-        let &[x, y, heading, stamp] = row.as_array()?;
-        Some(StampedPose { stamp, pose: exactly(x, y, heading) })
-    };
-    let speeds = rows(numbers, blueprint::SPEEDS).map(speed).collect::<Option<Vec<_>>>()?;
-    let poses = rows(numbers, shared::ODOMETRY_READING).map(pose).collect::<Option<Vec<_>>>()?;
-    let odometry = if speeds.is_empty() { Odometry::Poses(poses) } else { Odometry::Velocities(speeds) };
-    let classes = sensors.classes.len();
-    let frame = |row: &[f64]| {
-        let (stamp, numbers) = row.split_first()?;
-        let (detections, rest) = numbers.as_chunks::<4>();
-        let detection = |&[class, score, range, bearing]: &[f64; 4]| {
-            let class = class as usize;
-            (class < classes).then_some(Detection { class, score, range, bearing })
-        };
-        let detections = detections.iter().map(detection).collect::<Option<_>>()?;
-        rest.is_empty().then_some(Frame { stamp: *stamp, detections })
-    };
-    let frames = rows(numbers, blueprint::DETECTIONS).map(frame).collect::<Option<_>>()?;
-    Some(Recording { sensors, odometry, frames })
 }

@@ -1,10 +1,15 @@
 //! How well objects are mapped: the tables of `benches/semantic.md`.
 //!
 //! ```text
-//! cargo bench --no-default-features --bench semantic -- FOLDER > benches/semantic.md
+//! cargo bench --no-default-features --features images --bench semantic -- FOLDER > benches/semantic.md
 //! ```
-//! The folder holds the published sets: `mrclam/dataset7` and `lost_in_woods`. Every run has one thread; runs go side by
-//! side, and their times are those of the processor, not of the clock.
+//! The folder holds the published sets: `mrclam/dataset7`, `lost_in_woods` and those of `space`. Every run has one thread; of the
+//! plane they go side by side. Times are those of the processor, not of the clock. With `plane` or `space` after the folder, half
+//! of the page is made.
+
+#[cfg(feature = "images")]
+mod pictures;
+mod space;
 
 use ipslam::association::Policy;
 use ipslam::io::datasets::{Converted, Dataset, Options};
@@ -86,18 +91,23 @@ impl Job {
 
     fn run(&self, folder: &Path) -> Result<Outcome, Failure> {
         let read = self.read(folder)?;
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-        let (found, seconds) = pool.install(|| {
-            let began = (processor_seconds(), Instant::now());
-            let found = match self.known {
-                true => map_known(&read.recording, &read.ids, &self.config, &|_| ()),
-                false => map(&read.recording, &self.config, &|_| ()),
-            };
-            let by_clock = began.1.elapsed().as_secs_f64();
-            (found, processor_seconds().zip(began.0).map_or(by_clock, |(end, start)| end - start))
-        });
+        let (found, seconds) = on_one_thread(|| match self.known {
+            true => map_known(&read.recording, &read.ids, &self.config, &|_| ()),
+            false => map(&read.recording, &self.config, &|_| ()),
+        })?;
         Outcome::new(&read, &found?, seconds).ok_or_else(|| "there are no true poses".into())
     }
+}
+
+/// Does something on one thread; returns the result and the time that it took \[s\].
+fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> Result<(T, f64), Failure> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    Ok(pool.install(|| {
+        let began = (processor_seconds(), Instant::now());
+        let found = work();
+        let by_clock = began.1.elapsed().as_secs_f64();
+        (found, processor_seconds().zip(began.0).map_or(by_clock, |(end, start)| end - start))
+    }))
 }
 
 /// Time that this thread had a processor, where the system tells (Linux) [s].
@@ -189,15 +199,26 @@ impl Runs {
 
 fn main() -> Result<(), Failure> {
     let args: Vec<String> = std::env::args().skip(1).filter(|arg| arg != "--bench").collect();
-    let [folder] = &args[..] else {
-        eprintln!("not run: it takes the FOLDER of the published sets");
-        return Ok(());
+    let (folder, half) = match &args[..] {
+        [folder] => (Path::new(folder), None),
+        [folder, half] if ["plane", "space"].contains(&half.as_str()) => (Path::new(folder), Some(half.as_str())),
+        _ => {
+            eprintln!(
+                "not run: it takes the FOLDER of the published sets, and `plane` or `space` for half of the page"
+            );
+            return Ok(());
+        }
     };
-    // The page is written twice: first to learn which runs it needs.
-    let mut runs = Runs::default();
-    page(&mut runs);
-    runs.run(Path::new(folder))?;
-    print!("{}", page(&mut runs));
+    if half != Some("space") {
+        // The page is written twice: first to learn which runs it needs.
+        let mut runs = Runs::default();
+        page(&mut runs);
+        runs.run(folder)?;
+        print!("{}", page(&mut runs));
+    }
+    if half != Some("plane") {
+        space::print(folder)?;
+    }
     Ok(())
 }
 
@@ -240,7 +261,7 @@ fn page(runs: &mut Runs) -> String {
 
 const HEAD: &str = "# How well objects are mapped
 
-Made by `cargo bench --no-default-features --bench semantic -- FOLDER > benches/semantic.md`. Errors are those of the path
+Made by `cargo bench --no-default-features --features images --bench semantic -- FOLDER > benches/semantic.md`. Errors are those of the path
 against the true one, root mean square after alignment \\[m\\], over the keyframes. Identities are hidden unless said otherwise.
 Each run chooses the best of three densities of new landmarks by its objective. Nothing here was chosen by the error: the
 settings are the same in all tables but for what a table varies. The noise of the detector is that of robots 1 and 4, and the
@@ -339,5 +360,5 @@ fn woods(runs: &mut Runs) -> String {
             );
         }
     }
-    table
+    table + "\n"
 }
