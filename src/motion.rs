@@ -115,6 +115,11 @@ impl Travel {
         }
     }
 
+    /// The mean, `earlier_from_later`.
+    pub fn mean(&self) -> Pose {
+        self.mean
+    }
+
     /// Whether odometry measured all of it.
     pub fn is_measured(&self) -> bool {
         self.unmeasured_position == 0.0 && self.unmeasured_heading == 0.0

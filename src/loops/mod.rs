@@ -234,7 +234,9 @@ impl Loops {
         let new = Tie::new(found.world_from_robot, path, window, near);
         let hypothesis = self.bend(path, &new, window)?;
         let bent = self.drive.moved(whole, &hypothesis.path);
-        let is_believed = hypothesis.is_drift || self.was_found_before(&found, whole);
+        // Close by are few places; farther off, one more looks alike.
+        let is_close = found.distance(path[window.last]) <= self.config.loops.window;
+        let is_believed = hypothesis.is_drift || is_close || self.was_found_before(&found, whole);
         let is_closed = is_believed && hypothesis.cost <= FAILURE && log_likelihood(&bent) >= log_likelihood(whole);
         let step = new.newer;
         self.found.push(Loop {
