@@ -126,6 +126,22 @@ fn a_torn_path_is_bent_where_the_robot_comes_back() {
     }
 }
 
+/// Torn so far that the robot comes back more than a window away from where it is thought to be. So far off one of many places may look
+/// alike: one window is not enough.
+#[test]
+fn a_loop_that_is_far_off_waits_for_a_second_window() {
+    let config = SlamConfig::default();
+    let steps = steps(&config);
+    let place = steps.len() / 4;
+    let (path, loops) = follow(&steps, |step| if step == place { 1.2 } else { 0.0 }, &config);
+    let found = loops.found(&path);
+    println!("seed {SEED}: {} m off; {found:?}", off(&path, &steps));
+    let [first, second, ..] = &found[..] else { panic!("closed at once: {found:?}") };
+    // The first one has changed nothing.
+    assert!(first.correction > config.loops.window && second.correction > 1.0, "{found:?}");
+    assert!(first.is_closed && second.is_closed && off(&path, &steps) < 0.5, "seed {SEED}: {} m", off(&path, &steps));
+}
+
 /// Where nothing is wrong, nothing is bent.
 #[test]
 fn a_true_path_stays() {
