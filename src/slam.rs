@@ -16,7 +16,7 @@ use crate::evaluator::pose::LocalPose;
 use crate::evaluator::sighting::Sighting;
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::tiles::{Tile, reach, tiles};
-use crate::evaluator::{Evaluator, Propagation, Proposal, Scene, Start};
+use crate::evaluator::{APART, Evaluator, Propagation, Proposal, Scene, Start};
 use crate::filter::ancestry::Ancestry;
 use crate::filter::resampling::resample;
 use crate::filter::weights::{effective_sample_size, normalised};
@@ -67,8 +67,10 @@ struct Particle {
     log_likelihood: Option<f64>,
     /// Inverse covariance of the Laplace approximation at the mode, packed; zeros without scan matching.
     information: [f32; 6],
+    /// Log of the prior by odometry of a mode that is another one than that of the track; else 0.
+    log_prior: f64,
     log_weight: f64,
-    /// Tempered log-likelihood of the scan, which was added to the log-weight.
+    /// Tempered log-likelihood of the scan, and the log-prior, which were added to the log-weight.
     gain: f64,
 }
 
@@ -342,11 +344,15 @@ impl Slam {
         let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
         let particle = |(index, Proposal { drawn, mode }): (usize, Proposal)| {
             let from = &self.hypotheses[index / particles_per_map];
+            let at_mode = mode.pose.in_world(anchor);
+            let moved = at_mode.seen_from(from.world_from_robot);
+            let is_of_track = iterations == 0 || mode.pose.is_near(starts[index / particles_per_map].mean, APART);
             Particle {
                 world_from_robot: drawn.in_world(anchor),
-                mode: mode.pose.in_world(anchor),
+                mode: at_mode,
                 log_likelihood: (iterations > 0).then(|| f64::from(mode.log_likelihood)),
                 information: mode.information,
+                log_prior: if is_of_track { 0.0 } else { self.tracker.log_prior_by_odometry(moved) },
                 // The poses of a map share its weight.
                 log_weight: from.log_weight - (particles_per_map as f64).ln(),
                 gain: 0.0,
@@ -389,10 +395,10 @@ impl Slam {
         }
     }
 
-    /// Adds the tempered log-likelihood to the log-weight of every particle.
+    /// Adds the tempered log-likelihood, and the prior of the mode, to the log-weight of every particle.
     fn add_tempered(&self, particles: &mut [Particle]) {
         for particle in particles {
-            particle.gain = self.config.filter.temper * particle.log_likelihood.unwrap_or(0.0);
+            particle.gain = self.config.filter.temper * particle.log_likelihood.unwrap_or(0.0) + particle.log_prior;
             particle.log_weight += particle.gain;
         }
     }

@@ -158,7 +158,7 @@ impl Mode {
 }
 
 /// Modes this close together are one \[m, rad\].
-const APART: [f64; 2] = [0.3, 0.1];
+pub(crate) const APART: [f64; 2] = [0.3, 0.1];
 
 /// The modes of the highest posteriors that particles climbed to, best first, at most `count`.
 pub fn best_modes(modes: impl Iterator<Item = Mode>, count: usize) -> Vec<Mode> {

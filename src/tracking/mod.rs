@@ -94,6 +94,15 @@ fn turning(moved: Pose, turn: f64) -> Pose {
     Pose::new(chord.x, chord.y, turn)
 }
 
+/// Log of Cauchy's robust density of a motion, but for a constant.
+fn log_density(Motion { mean, covariance }: &Motion, moved: Pose) -> f64 {
+    let Pose { x, y, heading } = moved.seen_from(*mean);
+    let off = Vector3::new(x, y, heading);
+    let distance2 = covariance.try_inverse().map_or(0.0, |information| off.dot(&(information * off)));
+    let tail = f64::from(PRIOR_TAIL);
+    -0.5 * tail * (distance2 / tail).ln_1p()
+}
+
 /// The last change of odometry.
 #[derive(Clone, Copy, Debug)]
 struct Change {
@@ -346,15 +355,20 @@ impl Tracker {
         self.corrected.then(&self.since_correction.motion(noise, velocity))
     }
 
-    /// Log of the prior of a pose, as seen from the last step, but for a constant: Cauchy's robust density with the errors that the
-    /// odometry of this drive has shown.
+    /// Log of the prior of a pose, as seen from the last step, by the motion as corrected by scans, with the errors that the odometry of
+    /// this drive has shown.
     pub fn log_prior(&self, step_from_robot: Pose) -> f64 {
-        let Motion { mean, covariance } = self.tracked_with(&self.odometry_errors().scaled(&self.motion));
-        let Pose { x, y, heading } = step_from_robot.seen_from(mean);
-        let off = Vector3::new(x, y, heading);
-        let distance2 = covariance.try_inverse().map_or(0.0, |information| off.dot(&(information * off)));
-        let tail = f64::from(PRIOR_TAIL);
-        -0.5 * tail * (distance2 / tail).ln_1p()
+        log_density(&self.tracked_with(&self.learnt()), step_from_robot)
+    }
+
+    /// The same by odometry alone.
+    pub fn log_prior_by_odometry(&self, step_from_robot: Pose) -> f64 {
+        log_density(&self.since_step.motion(&self.learnt(), self.velocity), step_from_robot)
+    }
+
+    /// The noise of the odometry as this drive has shown it.
+    fn learnt(&self) -> MotionConfig {
+        self.odometry_errors().scaled(&self.motion)
     }
 
     /// Whether the robot can have come this far from the last step since the scan that was matched last.
@@ -533,6 +547,11 @@ mod tests {
         let (shown, expected) = (at(&tracker, 0.3), log_prior(0.3 / (0.01 + 0.1 * 0.005)));
         assert!((shown - expected).abs() < 0.02 * expected.abs(), "{shown} {expected}");
         assert!(at(&tracker, 0.3) < at(&tracker, 0.2) && at(&tracker, 0.0) == 0.0);
+        // A scan moves what is tracked and not what odometry says.
+        let expected = tracker.by_odometry().mean;
+        tracker.correct(Motion { mean: Pose::new(0.2, 0.0, 0.0), ..Motion::none() });
+        assert_eq!(tracker.log_prior_by_odometry(expected), 0.0);
+        assert!(tracker.log_prior(expected) < -1.0);
     }
 
     /// The turn is that of the gyroscope, in place of the odometry's, which has none here, and of the guess without odometry.
