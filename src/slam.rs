@@ -342,6 +342,7 @@ impl Slam {
         let near = |(from, start): (&Hypothesis, &Start)| self.near(&from.map, start.mean, tiles, how.longest_way());
         let maps: Vec<Vec<Slot>> = self.hypotheses.iter().zip(&starts).map(near).collect();
         let proposals = self.evaluator.propagate(&Scene { table: &self.table, tiles, maps: &maps }, &how);
+        let prior = self.tracker.prior_by_odometry();
         let particle = |(index, Proposal { drawn, mode }): (usize, Proposal)| {
             let from = &self.hypotheses[index / particles_per_map];
             let at_mode = mode.pose.in_world(anchor);
@@ -352,7 +353,7 @@ impl Slam {
                 mode: at_mode,
                 log_likelihood: (iterations > 0).then(|| f64::from(mode.log_likelihood)),
                 information: mode.information,
-                log_prior: if is_of_track { 0.0 } else { self.tracker.log_prior_by_odometry(moved) },
+                log_prior: if is_of_track { 0.0 } else { prior.log_density(moved) },
                 // The poses of a map share its weight.
                 log_weight: from.log_weight - (particles_per_map as f64).ln(),
                 gain: 0.0,

@@ -160,7 +160,8 @@ impl Mode {
 /// Modes this close together are one \[m, rad\].
 pub(crate) const APART: [f64; 2] = [0.3, 0.1];
 
-/// The modes of the highest posteriors that particles climbed to, best first, at most `count`.
+/// The modes of the highest posteriors that particles climbed to, best first, at most `count`; of the climbs to one mode the one
+/// that came highest.
 pub fn best_modes(modes: impl Iterator<Item = Mode>, count: usize) -> Vec<Mode> {
     let mut all: Vec<Mode> = modes.filter(|mode| mode.tempered_log_posterior().is_finite()).collect();
     all.sort_by(|a, b| b.tempered_log_posterior().total_cmp(&a.tempered_log_posterior()));
@@ -268,5 +269,23 @@ impl Propagation<'_> {
         let widest = if self.is_heavy_tailed { MAX_TAIL } else { 1.0 };
         let noise = widest * LARGEST_NORMAL * (l00.abs() + l10.abs() + l11.abs());
         noise + (self.iterations / 2 + self.iterations) as f32 * MAX_STEP[0].hypot(MAX_STEP[1])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_the_climbs_to_one_mode_the_highest_counts() {
+        let mode = |x, log_posterior| {
+            let pose = LocalPose { x, ..LocalPose::default() };
+            Mode { pose, log_posterior, ..Mode::default() }
+        };
+        let modes = [mode(0.2, 1.0), mode(0.0, 3.0), mode(5.0, 2.0), mode(9.0, f32::NAN), mode(7.0, 0.5)];
+        let places =
+            |count| best_modes(modes.into_iter(), count).into_iter().map(|mode| mode.pose.x).collect::<Vec<_>>();
+        assert_eq!(places(2), [0.0, 5.0]);
+        assert_eq!(places(9), [0.0, 5.0, 7.0], "what is no number is no mode");
     }
 }

@@ -23,9 +23,13 @@ impl Tie {
         let off = |step: &usize| (path[*step].position() - world_from_robot.position()).norm();
         let closest = (0..window.older).min_by(|a, b| off(a).total_cmp(&off(b)));
         let older = closest.filter(|step| off(step) <= near);
+        Self::of_window(world_from_robot.seen_from(pose_of(older, path)), older, window.last)
+    }
+
+    /// The last step of a window is here.
+    pub fn of_window(older_from_newer: Pose, older: Option<usize>, newer: usize) -> Self {
         let covariance = Matrix3::from_diagonal(&Vector3::from(TIE).map(|sigma| sigma * sigma));
-        let older_from_newer = world_from_robot.seen_from(pose_of(older, path));
-        Self { older, newer: window.last, older_from_newer, covariance }
+        Self { older, newer, older_from_newer, covariance }
     }
 
     /// Whether a path has the two where this has them.
@@ -101,13 +105,13 @@ impl Chain {
         Self { from: from.clone(), motions, covariances }
     }
 
-    /// The path, from `path` on, that keeps the motions and all ties as well as it can, and a new tie in any case. `None` where
+    /// The path, from `path` on, that keeps the motions and all ties as well as it can, and new ones in any case. `None` where
     /// there is no such path.
-    pub fn bent(&self, path: &[Pose], ties: &[Tie], new: Option<&Tie>) -> Option<Bent> {
+    pub fn bent(&self, path: &[Pose], ties: &[Tie], new: &[Tie]) -> Option<Bent> {
         self.solve(path, ties, new).ok()
     }
 
-    fn solve(&self, path: &[Pose], ties: &[Tie], new: Option<&Tie>) -> Result<Bent, GraphError> {
+    fn solve(&self, path: &[Pose], ties: &[Tie], new: &[Tie]) -> Result<Bent, GraphError> {
         let mut values = Values::new();
         let steps: Vec<VariableId> = path.iter().map(|&pose| values.add_pose(pose)).collect();
         let add = |graph: &mut Graph, tie: &Tie| match tie.older {
@@ -126,7 +130,7 @@ impl Chain {
             let term = add(&mut graph, tie)?;
             graph.set_loss(term, Loss::Cauchy(TIE_TAIL))?;
         }
-        if let Some(new) = new {
+        for new in new {
             add(&mut graph, new)?;
         }
         let cost = Solver::default().solve(&graph, &mut values)?.error;
@@ -196,7 +200,7 @@ mod tests {
         let tie = Tie { older: Some(0), newer: 20, older_from_newer, covariance };
         let mut drive = Drive::default();
         keyframes.iter().for_each(|keyframe| drive.add(keyframe.clone()));
-        Chain::new(&drive, &path, Doubt::OfMatches).bent(&path, &[], Some(&tie)).unwrap()
+        Chain::new(&drive, &path, Doubt::OfMatches).bent(&path, &[], std::slice::from_ref(&tie)).unwrap()
     }
 
     /// Five usual errors forward and five in heading, whose squares are 50: scans and odometry are as likely right. By hand, for

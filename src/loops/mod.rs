@@ -7,7 +7,8 @@
 //! log is over, the path is bent once more as a whole.
 //!
 //! What was found is a hypothesis and no fact: rooms look alike. So it has to be the only place of its kind, the drift of this
-//! drive or matches that failed have to explain it, and the visits to all places have to agree better than before.
+//! drive or matches that failed have to explain it, and the visits to all places have to agree better than before. Far off, where one
+//! more place looks alike, it stays open until a second window agrees.
 //!
 //! In a run that continues the map of an earlier drive, that map is part of the older map, and it stays where it is: each step whose
 //! scan it explains is tied to it. So a loop bends the path only between the places that were known before.
@@ -146,6 +147,8 @@ const FAILURE: f64 = 100.0;
 /// Two windows that were found agree where they are this close to the way driven between them \[m, rad\]: each is off by some
 /// decimetres, and so may the way be.
 const AGREES: [f64; 2] = [1.0, 0.2];
+/// For so long \[m\]: a robot whose scans are matched drifts by about one per cent of its way.
+const AGREES_FOR: f64 = 100.0;
 /// The path is bent, and looked over for more visits to the same places, this many times.
 const PASSES: usize = 3;
 /// Where the robot was is settled once it has driven this far without a loop that says otherwise \[m\]: the way through several
@@ -232,13 +235,17 @@ impl Loops {
         // Without an earlier drive every place is one of this drive.
         let near = if self.drive.earlier.clusters.is_empty() { f64::INFINITY } else { BACK };
         let new = Tie::new(found.world_from_robot, path, window, near);
-        let hypothesis = self.bend(path, &new, window)?;
-        let bent = self.drive.moved(whole, &hypothesis.path);
+        let mut ties = self.agreeing(&found, whole, path);
         // Close by are few places; farther off, one more looks alike.
         let is_close = found.distance(path[window.last]) <= self.config.loops.window;
-        let is_believed = hypothesis.is_drift || is_close || self.was_found_before(&found, whole);
-        let is_closed = is_believed && hypothesis.cost <= FAILURE && log_likelihood(&bent) >= log_likelihood(whole);
-        let step = new.newer;
+        let (step, is_confirmed) = (new.newer, !ties.is_empty());
+        ties.push(new);
+        let is_believed = |hypothesis: &Hypothesis| {
+            let may_have_failed = is_close && hypothesis.cost <= FAILURE;
+            (hypothesis.is_drift || may_have_failed || is_confirmed)
+                && log_likelihood(&self.drive.moved(whole, &hypothesis.path)) >= log_likelihood(whole)
+        };
+        let hypothesis = self.bend(path, &ties, window).filter(is_believed);
         self.found.push(Loop {
             stamp: self.drive.keyframes[step].stamp,
             older_stamp: new.older.map(|older| self.drive.keyframes[older].stamp),
@@ -247,28 +254,32 @@ impl Loops {
             older_from_robot: new.older_from_newer,
             correction: found.distance(path[step]),
             explained: found.explained,
-            is_closed,
+            is_closed: hypothesis.is_some(),
         });
-        is_closed.then(|| {
-            self.ties = hypothesis.ties;
-            self.rebuild(whole, &hypothesis.path)
-        })
+        let hypothesis = hypothesis?;
+        self.ties = hypothesis.ties;
+        Some(self.rebuild(whole, &hypothesis.path))
     }
 
-    /// Whether an earlier window, of other metres, was found where this one has it. Next to a room that looks like another one are
-    /// rooms that do not.
-    fn was_found_before(&self, found: &Found, path: &[Pose]) -> bool {
+    /// The loops that are open and put the robot where this one has it, each found by a window of other metres: next to a room that looks
+    /// like another one are rooms that do not.
+    fn agreeing(&self, found: &Found, whole: &[Pose], path: &[Pose]) -> Vec<Tie> {
         let Drive { travelled, moves_with, .. } = &self.drive;
-        let LoopConfig { search_distance, window } = self.config.loops;
-        let Some(now) = travelled.last() else { return false };
-        let agrees = |before: &&Loop| {
-            let step = before.step as usize;
-            let apart = now - travelled[moves_with[step] as usize];
-            let there = pose_of(before.older.map(|older| older as usize), path) * before.older_from_robot;
-            let expected = there * path[path.len() - 1].seen_from(path[step]);
-            (search_distance..=2.0 * window).contains(&apart) && is_near(found.world_from_robot, expected, AGREES)
+        let (now, robot) = (path.len() - 1, whole[whole.len() - 1]);
+        let tie = |before: &Loop| {
+            let [older, newer] = [before.older, Some(before.step)].map(|step| step.map(|step| step as usize));
+            let newer = newer.filter(|_| !before.is_closed)?;
+            let there = pose_of(older, whole) * before.older_from_robot;
+            let keyframe = moves_with[newer] as usize;
+            let apart = travelled[now] - travelled[keyframe];
+            let agrees = is_near(found.world_from_robot, there * robot.seen_from(whole[newer]), AGREES);
+            let is_other = (self.config.loops.search_distance..=AGREES_FOR).contains(&apart);
+            (agrees && is_other).then(|| {
+                let older = older.map(|older| moves_with[older] as usize);
+                Tie::of_window(there.seen_from(pose_of(older, path)), older, keyframe)
+            })
         };
-        self.found.iter().any(|before| agrees(&before))
+        self.found.iter().filter_map(tie).collect()
     }
 
     /// Forgets visits to places that are covered, of steps that are settled. Returns the path of what is left.
@@ -328,16 +339,16 @@ impl Loops {
         is_alone.then_some(found)
     }
 
-    /// The path that closes this loop; `None` where the visits to all places agree no better on it: a place that looks alike.
-    fn bend(&self, path: &[Pose], new: &Tie, window: Window) -> Option<Hypothesis> {
+    /// The path with these new ties; `None` where the visits to all places agree no better on it: a place that looks alike.
+    fn bend(&self, path: &[Pose], new: &[Tie], window: Window) -> Option<Hypothesis> {
         // Where in the earlier map the window is, is the question: what its scans were matched to there does not count.
         let is_known = |tie: &&Tie| tie.older.is_some() || tie.newer < window.first;
         let known: Vec<Tie> = self.ties.iter().filter(is_known).copied().collect();
         // As if no match had failed, first: where the drift explains the loop, nothing else is in doubt.
         for doubt in [Doubt::None, Doubt::OfMatches] {
             let chain = Chain::new(&self.drive, path, doubt);
-            let before = chain.bent(path, &known, None)?;
-            let Bent { path, cost } = chain.bent(path, &known, Some(new))?;
+            let before = chain.bent(path, &known, &[])?;
+            let Bent { path, cost } = chain.bent(path, &known, new)?;
             let cost = cost - before.cost;
             if doubt == Doubt::None && cost > DRIFT {
                 continue;
@@ -357,7 +368,7 @@ impl Loops {
             if pass > 0 {
                 ties = self.visits(&path, &ties);
             }
-            Bent { path, .. } = chain.bent(&path, &ties, None)?;
+            Bent { path, .. } = chain.bent(&path, &ties, &[])?;
         }
         Some((path, ties))
     }

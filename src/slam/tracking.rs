@@ -64,7 +64,8 @@ impl Slam {
         let modes = proposals.into_iter().map(|proposal| proposal.mode).filter(can_be_driven);
         // Starts and climbs allow for odometry as bad as configured; which of the modes is right is asked of odometry as this drive has
         // shown it.
-        let log_posterior = |mode: &Mode| self.tracker.log_prior(moved(mode)) + mode.tempered_log_likelihood();
+        let prior = self.tracker.prior();
+        let log_posterior = |mode: &Mode| prior.log_density(moved(mode)) + mode.tempered_log_likelihood();
         let modes = best_modes(modes, MODES).into_iter();
         modes.max_by(|one, other| log_posterior(one).total_cmp(&log_posterior(other)))
     }

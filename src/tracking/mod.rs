@@ -20,7 +20,7 @@ use crate::motion::{Motion, MotionConfig, Travel};
 use crate::parameters::parameters;
 use errors::Errors;
 use gyro::Gyro;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 mod errors;
 mod gyro;
@@ -94,13 +94,26 @@ fn turning(moved: Pose, turn: f64) -> Pose {
     Pose::new(chord.x, chord.y, turn)
 }
 
-/// Log of Cauchy's robust density of a motion, but for a constant.
-fn log_density(Motion { mean, covariance }: &Motion, moved: Pose) -> f64 {
-    let Pose { x, y, heading } = moved.seen_from(*mean);
-    let off = Vector3::new(x, y, heading);
-    let distance2 = covariance.try_inverse().map_or(0.0, |information| off.dot(&(information * off)));
-    let tail = f64::from(PRIOR_TAIL);
-    -0.5 * tail * (distance2 / tail).ln_1p()
+/// The prior of where the robot is, as seen from the last step, with the errors that the odometry of this drive has shown.
+#[derive(Clone, Copy, Debug)]
+pub struct Prior {
+    mean: Pose,
+    /// Inverse covariance of (forward, sideways, heading) in the frame of the mean; zeros where that has none.
+    information: Matrix3<f64>,
+}
+
+impl Prior {
+    fn new(Motion { mean, covariance }: &Motion) -> Self {
+        Self { mean: *mean, information: covariance.try_inverse().unwrap_or_else(Matrix3::zeros) }
+    }
+
+    /// Log of Cauchy's robust density, but for a constant: 0 at the mean.
+    pub fn log_density(&self, step_from_robot: Pose) -> f64 {
+        let Pose { x, y, heading } = step_from_robot.seen_from(self.mean);
+        let off = Vector3::new(x, y, heading);
+        let tail = f64::from(PRIOR_TAIL);
+        -0.5 * tail * (off.dot(&(self.information * off)) / tail).ln_1p()
+    }
 }
 
 /// The last change of odometry.
@@ -355,15 +368,14 @@ impl Tracker {
         self.corrected.then(&self.since_correction.motion(noise, velocity))
     }
 
-    /// Log of the prior of a pose, as seen from the last step, by the motion as corrected by scans, with the errors that the odometry of
-    /// this drive has shown.
-    pub fn log_prior(&self, step_from_robot: Pose) -> f64 {
-        log_density(&self.tracked_with(&self.learnt()), step_from_robot)
+    /// The prior by the motion as corrected by scans.
+    pub fn prior(&self) -> Prior {
+        Prior::new(&self.tracked_with(&self.learnt()))
     }
 
-    /// The same by odometry alone.
-    pub fn log_prior_by_odometry(&self, step_from_robot: Pose) -> f64 {
-        log_density(&self.since_step.motion(&self.learnt(), self.velocity), step_from_robot)
+    /// The prior by odometry alone.
+    pub fn prior_by_odometry(&self) -> Prior {
+        Prior::new(&self.since_step.motion(&self.learnt(), self.velocity))
     }
 
     /// The noise of the odometry as this drive has shown it.
@@ -531,7 +543,9 @@ mod tests {
     #[test]
     fn a_place_is_as_unlikely_as_the_odometry_of_the_drive_is_good() {
         let log_prior = |sigmas: f64| -0.5 * 5.687_75 * (1.0 + sigmas * sigmas / 5.687_75).ln();
-        let at = |tracker: &Tracker, off: f64| tracker.log_prior(tracker.tracked().mean * Pose::new(off, 0.0, 0.0));
+        let at = |tracker: &Tracker, off: f64| {
+            tracker.prior().log_density(tracker.tracked().mean * Pose::new(off, 0.0, 0.0))
+        };
         let mut tracker = Tracker::new(CONFIG, TrackingConfig::default());
         tracker.add(0.0, Pose::IDENTITY);
         tracker.add(0.1, Pose::new(0.05, 0.0, 0.0));
@@ -550,8 +564,8 @@ mod tests {
         // A scan moves what is tracked and not what odometry says.
         let expected = tracker.by_odometry().mean;
         tracker.correct(Motion { mean: Pose::new(0.2, 0.0, 0.0), ..Motion::none() });
-        assert_eq!(tracker.log_prior_by_odometry(expected), 0.0);
-        assert!(tracker.log_prior(expected) < -1.0);
+        assert_eq!(tracker.prior_by_odometry().log_density(expected), 0.0);
+        assert!(tracker.prior().log_density(expected) < -1.0);
     }
 
     /// The turn is that of the gyroscope, in place of the odometry's, which has none here, and of the guess without odometry.
