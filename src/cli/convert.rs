@@ -34,7 +34,8 @@ const POSSIBLE: &str = "Formats, by the endings of the names:
 
 Folders, by the files in them, become recordings of detections (a new folder):
   MR.CLAM (--robot), Lost in the Woods, Victoria Park, DLR Spatial Cognition, Starry Night (--rows),
-  KITTI tracking, KITTI odometry with simulated cars (--robot 5 or 6), SLAM with objects (Stata);
+  KITTI tracking, KITTI odometry with simulated cars (--robot 5 or 6), SLAM with objects (Stata),
+  the long office of TUM RGB-D with simulated odometry;
 or of a camera with an inertial sensor: imu_tracks.csv of GTSAM (EuRoC);
 or, with --detector, of pictures (pictures.toml)";
 

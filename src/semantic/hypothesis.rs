@@ -232,7 +232,8 @@ impl<W: World> Hypothesis<W> {
         // Σ - W Wᵀ with W = Σ Hᵀ L⁻ᵀ stays symmetric.
         let Some(whitened) = pairs.factor.l_dirty().solve_lower_triangular(&cross.transpose()) else { return };
         let step = &cross * pairs.factor.solve(&pairs.innovation);
-        self.covariance.gemm_tr(-1.0, &whitened, &whitened, 1.0);
+        // `gemm_tr` multiplies without vector instructions.
+        self.covariance.gemm(-1.0, &whitened.transpose(), &whitened, 1.0);
         let (pose, rest) = step.as_slice().split_at(W::POSE);
         self.pose = W::step(self.pose, pose);
         let mut rest = rest.iter();

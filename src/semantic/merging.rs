@@ -5,13 +5,14 @@
 //! Landmarks of clutter are dropped in the same way.
 
 use super::estimate::Estimate;
-use super::linear::GATES;
+use super::linear::{GATES, LOSS_SCALE};
 use super::world::World;
 use super::{Mapping, SemanticError};
 use nalgebra::{DMatrix, DVector};
+use std::collections::BTreeSet;
 
-/// No object is mapped this far from itself \[m\]: without the bound, landmarks of a loop that is not closed yet, which are
-/// uncertain by metres, would all be alike.
+/// No object is mapped this far from itself \[m\], or three times what one detection errs: without the bound, landmarks of a loop
+/// that is not closed yet, which are uncertain by metres, would all be alike.
 const FARTHEST: f64 = 1.5;
 
 /// Two landmarks that may be one, and how far they are apart.
@@ -23,12 +24,13 @@ fn twins<W: World>(mapping: &Mapping<'_, W>, estimate: &Estimate<W>, sigma: f64)
     let problem = mapping.problem(estimate, 1.0)?;
     let covariances = problem.covariances()?;
     let landmarks = &estimate.landmarks;
+    let farthest = FARTHEST.max(LOSS_SCALE * mapping.model.error);
     let mut all: Vec<Twins> = Vec::new();
     for (a, one) in landmarks.iter().enumerate() {
         for (b, other) in landmarks.iter().enumerate().skip(a + 1) {
             let [one_at, other_at]: [W::Numbers; 2] = [one.position.into(), other.position.into()];
             let apart = DVector::from_column_slice(one_at.as_ref()) - DVector::from_column_slice(other_at.as_ref());
-            if one.class() != other.class() || apart.norm() > FARTHEST {
+            if one.class() != other.class() || apart.norm() > farthest {
                 continue;
             }
             let joint = covariances.joint(&[problem.landmarks()[a], problem.landmarks()[b]])?;
@@ -73,7 +75,8 @@ pub fn merge<W: World>(
     mut objective: f64,
 ) -> Result<(Estimate<W>, f64), SemanticError> {
     while merge_all(mapping, &mut best, &mut objective)? {}
-    while merge_neighbours(mapping, &mut best, &mut objective)? {}
+    let mut tried = BTreeSet::new();
+    while merge_neighbours(mapping, &mut best, &mut objective, &mut tried)? {}
     while drop_lightest(mapping, &mut best, &mut objective)? {}
     Ok((best, objective))
 }
@@ -104,8 +107,12 @@ fn merge_neighbours<W: World>(
     mapping: &Mapping<'_, W>,
     best: &mut Estimate<W>,
     objective: &mut f64,
+    tried: &mut BTreeSet<(usize, usize)>,
 ) -> Result<bool, SemanticError> {
     for pair in twins(mapping, best, mapping.model.error)? {
+        if !tried.insert((best.numbers[pair.0], best.numbers[pair.1])) {
+            continue;
+        }
         let trial = merged(best, &[pair]);
         if try_out(mapping, trial, best, objective)? {
             return Ok(true);

@@ -169,11 +169,39 @@ fn kitti_is_converted() {
     assert!(Dataset3::KittiOdometry.read(&odometry, &drive(Some(6), Some(4))).unwrap() != made);
 }
 
+/// By the true poses, the boxes of the one teddy bear agree on where it is; if it were twice as high, they would not.
+fn an_office_is_converted() {
+    let folder = data_folder().join("semantic/tum_fr3_office");
+    assert_eq!(datasets::recognise3(&folder), Some(Dataset3::TumOffice));
+    let read = Dataset3::TumOffice.read(&folder, &Options::default()).unwrap();
+    let Recording3 { sensors, frames, .. } = &read.recording;
+    assert!(frames.len() == 2585 && read.trajectory.len() == 2585 && read.recording.detections() == 6370);
+    let bear = sensors.classes.iter().position(|class| class == "teddy bear").unwrap();
+    let spread = |nearer: f64| {
+        let seen = frames.iter().zip(&read.trajectory).flat_map(|(frame, at)| {
+            let bears = frame.detections.iter().filter(|seen| seen.class == bear);
+            bears.map(|seen| {
+                let seen = Detection3 { disparity: nearer * seen.disparity, ..*seen };
+                at.pose * sensors.position(&seen)
+            })
+        });
+        let places: Vec<Point3<f64>> = seen.collect();
+        let median = |mut numbers: Vec<f64>| {
+            numbers.sort_by(f64::total_cmp);
+            numbers[numbers.len() / 2]
+        };
+        let middle = Point3::from([0, 1, 2].map(|axis| median(places.iter().map(|place| place[axis]).collect())));
+        median(places.iter().map(|place| (place - middle).norm()).collect())
+    };
+    assert!(spread(1.0) < 0.2, "{}", spread(1.0));
+    assert!(spread(2.0) > 0.5, "{}", spread(2.0));
+}
+
 crate::needs::trials! {
     "semantic_space":
     Nothing {
         a_folder_of_space_is_read, what_is_wrong_with_a_folder_of_space_is_told,
         a_recording_of_space_is_mapped_to_files,
     }
-    Data { starry_night_is_converted, kitti_is_converted }
+    Data { starry_night_is_converted, kitti_is_converted, an_office_is_converted }
 }

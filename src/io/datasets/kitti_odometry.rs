@@ -142,7 +142,7 @@ fn detect(
 }
 
 /// Visual odometry of the way.
-fn odometry(trajectory: &[StampedPose3], seed: u64) -> Odometry3 {
+pub(super) fn odometry(trajectory: &[StampedPose3], seed: u64) -> Odometry3 {
     let scale = 1.0 + SCALE * f64::from(random::normals(seed, 0, u32::MAX, Draw::Motion)[0]);
     let mut pose = Pose3::identity();
     let mut poses: Vec<StampedPose3> =

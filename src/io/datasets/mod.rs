@@ -23,6 +23,7 @@ mod lost_in_woods;
 mod mrclam;
 mod starry_night;
 mod stata_objects;
+mod tum_office;
 mod victoria_park;
 
 /// A set that is known.
@@ -51,6 +52,8 @@ pub enum Dataset3 {
     KittiOdometry,
     /// "SLAM with objects": a camera with depth among furniture (Mu, Liu, Paull, Leonard, How, IROS 2016).
     StataObjects,
+    /// An office of TUM RGB-D: a camera by hand among things on desks, with simulated odometry (Sturm et al., IROS 2012).
+    TumOffice,
 }
 
 /// What is chosen of a set; what is not is as the set is known best.
@@ -125,6 +128,9 @@ pub fn recognise3(folder: &Path) -> Option<Dataset3> {
     if has("detections_3d.csv") && has("frames.csv") {
         return Some(Dataset3::StataObjects);
     }
+    if has("detections.csv") && has("groundtruth.txt") && has("frames.csv") {
+        return Some(Dataset3::TumOffice);
+    }
     (has("05.txt") && has("05_times.txt")).then_some(Dataset3::KittiOdometry)
 }
 
@@ -134,7 +140,7 @@ impl Dataset3 {
     /// # Errors
     /// As for [`Dataset::read`].
     pub fn read(self, folder: &Path, options: &Options) -> Result<Converted3, ConvertError> {
-        if let (Some(_), Self::KittiTracking | Self::KittiOdometry | Self::StataObjects) = (options.rows, self) {
+        if options.rows.is_some() && self != Self::StarryNight {
             return Err(ConfigError::value("--rows", "given", "left out, as all of this set is used").into());
         }
         let classes = options.classes.filter(|classes| *classes != 1 && self != Self::StarryNight);
@@ -151,6 +157,7 @@ impl Dataset3 {
             Self::KittiTracking => kitti_tracking::read(folder)?,
             Self::KittiOdometry => kitti_odometry::read(folder, options.robot.unwrap_or(6), options)?,
             Self::StataObjects => stata_objects::read(folder, options)?,
+            Self::TumOffice => tum_office::read(folder, options)?,
         })
     }
 }
