@@ -76,13 +76,34 @@ const BATCH: usize = 256;
 const ITERATIONS: u32 = 5;
 
 impl Smoother {
-    /// Smooths the result of a run of this log in place. Frames stay: the world's origin is still the first pose of the
-    /// filter. What an earlier drive saw of the walls counts as it did then. A result without poses or without clusters stays as
-    /// it is. `progress` is handed the share that is done, 0 to 1.
+    /// Smooths the result of a run of this log in place. The world's origin is then the pose at the first scan, or that of the earlier
+    /// map that the drive went on with. What an earlier drive saw of the walls counts as it did then. A result without poses or
+    /// without clusters stays as it is. `progress` is handed the share that is done, 0 to 1.
     ///
     /// # Errors
     /// The log cannot be read again to the last pose of the result; the result is then that of the passes before.
     pub fn smooth(
+        &self,
+        source: &dyn LogSource,
+        result: &mut RunResult,
+        progress: &mut dyn FnMut(f64),
+    ) -> Result<(), LogError> {
+        if self.smoothing.passes == 0 {
+            return Ok(());
+        }
+        let smoothed = self.smooth_in_place(source, result, progress);
+        if result.earlier.is_empty() {
+            let is_scan = |reading| match reading {
+                Ok((index, LogEntry::Laser(_))) => Some(index),
+                _ => None,
+            };
+            let first: Option<usize> = readings(source)?.find_map(is_scan);
+            first.into_iter().for_each(|first| begin_at_origin(result, first));
+        }
+        smoothed
+    }
+
+    fn smooth_in_place(
         &self,
         source: &dyn LogSource,
         result: &mut RunResult,
@@ -99,6 +120,15 @@ impl Smoother {
         }
         Ok(())
     }
+}
+
+/// Moves all of a result so that the pose of this reading is the origin: matched to the map, it has turned against it.
+fn begin_at_origin(result: &mut RunResult, reading: usize) {
+    let Some(first) = result.poses.get(reading).and_then(|estimate| estimate.world_from_robot) else { return };
+    let moved = first.inverse();
+    let poses = result.poses.iter_mut().flat_map(|estimate| &mut estimate.world_from_robot);
+    poses.for_each(|pose| *pose = moved * *pose);
+    result.map.clusters.iter_mut().for_each(|cluster| *cluster = cluster.transformed(moved));
 }
 
 /// Moves every scan to where the map wants it, and gathers what each cluster then explains.
@@ -143,8 +173,10 @@ fn match_scans(
     }
     place(&mut batch, result);
 
-    // Readings without a scan keep their place relative to the last scan.
-    let mut last_laser: Option<(Pose, Pose)> = None;
+    // Readings without a scan keep their place relative to the last scan, or to the first one.
+    let first = is_laser.iter().position(|&is_laser| is_laser);
+    let mut last_laser: Option<(Pose, Pose)> =
+        first.and_then(|first| Some((before[first], result.poses[first].world_from_robot?)));
     for ((Estimate { world_from_robot, .. }, before), is_laser) in result.poses.iter_mut().zip(before).zip(is_laser) {
         if is_laser {
             last_laser = world_from_robot.map(|after| (before, after));

@@ -126,6 +126,12 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
     let format = Format::of(output).ok_or_else(|| {
         UsageError(format!("{}: the ending of this name is that of no known format\n{POSSIBLE}", output.display()))
     })?;
+    // A PNG comes with a YAML file beside it.
+    let written = [Some(output.clone()), (format == Format::Png).then(|| output.with_extension("yaml"))];
+    if let Some(same) = written.into_iter().flatten().find(|path| same_file::is_same_file(input, path).unwrap_or(false))
+    {
+        bail!(UsageError(format!("{}: this is the file that is read; name another one", same.display())));
+    }
     let map = match Format::of(input) {
         Some(Format::Json) => Map::Clusters(map_json::read_map(input)?),
         Some(Format::MapServer) => Map::Grid(warned(map_server::read(input)?)),

@@ -74,6 +74,37 @@ fn a_minute_in_the_building_stays_close_to_the_truth() {
     assert_eq!(result.trajectory().len(), count);
 }
 
+/// The first scan lies 0.02 rad off the map that the filter made. The map turns back, so that the first scan is the origin.
+#[test]
+fn smoothing_leaves_the_origin_at_the_first_scan() {
+    let simulation = simulation(20.0);
+    let is_scan = |(_, entry): &(usize, LogEntry)| matches!(entry, LogEntry::Laser(_));
+    let first = readings(&simulation).unwrap().map(Result::unwrap).position(|reading| is_scan(&reading)).unwrap();
+    let filtered = run(&simulation, few_maps());
+    let mut result = filtered.turned(0.02);
+    result.poses[..=first].copy_from_slice(&filtered.poses[..=first]);
+    let at = |result: &RunResult, reading: usize| result.poses[reading].world_from_robot.unwrap();
+    let truth = truth(&simulation);
+    let turned = |result: &RunResult| {
+        let last = result.poses.last().unwrap();
+        let distance = |truth: &&StampedPose| (truth.stamp - last.stamp).abs();
+        let is = truth.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap().pose;
+        wrap_angle(last.world_from_robot.unwrap().seen_from(at(result, 0)).heading - is.heading)
+    };
+    let before = turned(&result);
+    few_maps().smoother().smooth(&simulation, &mut result, &mut |_| {}).unwrap();
+    let after = turned(&result);
+    println!("seed {SEED}: the last heading is off by {before:.4} rad, smoothed {after:.4}");
+    assert!(before.abs() > 0.01 && after.abs() < 0.006, "seed {SEED}: {before} rad, smoothed {after}");
+    let origin = at(&result, first);
+    assert!(origin.x.hypot(origin.y) < 1e-9 && origin.heading.abs() < 1e-9, "{origin:?}");
+    // The walls, which are at right angles, turned with the poses.
+    let longest = result.map.clusters.iter().max_by(|a, b| a.length().total_cmp(&b.length())).unwrap();
+    let heading = longest.direction.y.atan2(longest.direction.x) + simulation.truth().next().unwrap().pose.heading;
+    let off = heading - (heading / FRAC_PI_2).round() * FRAC_PI_2;
+    assert!(off.abs() < 0.006, "seed {SEED}: {off} rad");
+}
+
 /// A laser that looks all around, as two that look ahead and back.
 struct FrontAndRear(Simulation);
 

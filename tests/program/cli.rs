@@ -844,6 +844,8 @@ fn what_cannot_be_converted_is_told_with_what_can() {
         (2, ["drive.clf", "out.gif"], &["out.gif", "Formats, by the endings", ".geojson (walls)"][..]),
         (2, ["drive.clf", "out.json"], &["a log is made a map by `ipslam run drive.clf`"]),
         (2, ["out.geojson", "out.json"], &["out.geojson: this format is only written"]),
+        (2, ["drive.clf", "./drive.clf"], &["./drive.clf: this is the file that is read"]),
+        (2, ["map.yaml", "map.png"], &["map.yaml: this is the file that is read"]),
         (1, ["broken.json", "out.yaml"], &["broken.json: no map as ipslam writes it"]),
         (1, ["broken.json", "out.clf"], &["broken.json"]),
         (1, ["map.yaml", "out.json"], &["none.png: cannot be read"]),
@@ -853,6 +855,7 @@ fn what_cannot_be_converted_is_told_with_what_can() {
         place.ipslam(&[&["convert"], &words[..]].concat()).failed(code, expected);
     }
     assert!(!place.path("out.json").exists() && !place.path("out.clf").exists());
+    assert_eq!(std::fs::read(place.path("drive.clf")).unwrap(), text.as_bytes());
 }
 
 /// A machine without a display is told of the browser, and a map is told from a recording.

@@ -15,7 +15,10 @@ impl Channel {
 /// Reads a message; `Err` holds what is wrong with it.
 pub(super) fn decode<T: DeserializeOwned + Ros1>(channel: &Channel, data: &[u8]) -> Result<T, String> {
     match &*channel.encoding {
-        "ros1" => T::read(&mut Fields(data)).ok_or_else(|| "it is shorter than its fields".to_owned()),
+        "ros1" => T::read(&mut Fields(data)).ok_or_else(|| {
+            "it is shorter than its fields, of which ROS 1 has one more in a header (seq): was it written with the types of ROS 2?"
+                .to_owned()
+        }),
         _ => from_cdr(data),
     }
 }
