@@ -120,13 +120,13 @@ fn grown(now: u32, first: u32, subset: u32) -> f32 {
     let before = sums[now][subset];
     var largest = before;
     for (var k = 0u; k < job.seen_count; k++) {
-        if (subset >> k & 1u) == 1u && pairs[first + k] > LEAST_PAIR {
+        if ((subset >> k) & 1u) == 1u && pairs[first + k] > LEAST_PAIR {
             largest = max(largest, sums[now][subset & ~(1u << k)] + pairs[first + k]);
         }
     }
     var sum = exp_of(before - largest);
     for (var k = 0u; k < job.seen_count; k++) {
-        if (subset >> k & 1u) == 1u && pairs[first + k] > LEAST_PAIR {
+        if ((subset >> k) & 1u) == 1u && pairs[first + k] > LEAST_PAIR {
             sum += exp_of(sums[now][subset & ~(1u << k)] + pairs[first + k] - largest);
         }
     }

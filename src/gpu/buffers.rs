@@ -2,9 +2,9 @@
 
 use super::DeviceError;
 use super::device::Device;
+use super::waiting::{answered, wake};
 use bytemuck::Pod;
 use std::marker::PhantomData;
-use std::time::Duration;
 
 /// What a buffer is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,8 +29,6 @@ pub struct Buffer {
     pub(super) is_new: bool,
 }
 
-/// A submission that takes longer will never end: those of ten million particles take seconds.
-const PATIENCE: Duration = Duration::from_secs(120);
 /// Every buffer has room for this \[bytes\]: an empty one cannot be bound.
 const LEAST: u64 = 1024;
 
@@ -120,14 +118,14 @@ impl<T: Pod> Readback<T> {
         self.buffer.map_async(wgpu::MapMode::Read, ..self.bytes, move |mapped| {
             // Whoever no longer listens has failed already.
             let _ = sender.send(mapped);
+            wake();
         });
-        let wait = wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) };
-        device.device.poll(wait).map_err(|error| device.failed(error))?;
+        let mapped = answered(&device.device, &receiver).map_err(|error| device.failed(error))?;
         device.check()?;
-        match receiver.try_recv() {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => return Err(device.failed(error)),
-            Err(_) => return Err(device.failed("it did not answer")),
+        match mapped {
+            Some(Ok(())) => {}
+            Some(Err(error)) => return Err(device.failed(error)),
+            None => return Err(device.failed("it did not answer")),
         }
         let view = self.buffer.get_mapped_range(..self.bytes).map_err(|error| device.failed(error))?;
         let items = bytemuck::pod_collect_to_vec(&view);

@@ -1,5 +1,6 @@
 //! Which devices there are, and one of them opened.
 
+use super::waiting::block_on;
 use super::{DeviceError, guarded};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -37,7 +38,7 @@ pub enum AdapterKind {
 pub fn adapters() -> Vec<Adapter> {
     let listed = guarded("list", || {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-        Ok(pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY)))
+        Ok(block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY)))
     });
     // A driver that cannot be asked has no devices.
     let found = listed.unwrap_or_default();
@@ -53,8 +54,12 @@ pub fn adapters() -> Vec<Adapter> {
 pub fn find(name: Option<&str>) -> Result<Adapter, DeviceError> {
     let adapters = adapters();
     if adapters.is_empty() {
-        let reason = "no driver was found; install the Vulkan driver of the graphics card, or for one in software \
-                      mesa-vulkan-drivers (Debian, Ubuntu)";
+        let reason = if cfg!(target_family = "wasm") {
+            "the browser offers no WebGPU"
+        } else {
+            "no driver was found; install the Vulkan driver of the graphics card, or for one in software \
+             mesa-vulkan-drivers (Debian, Ubuntu)"
+        };
         return Err(DeviceError::NoDevice { reason: reason.to_owned() });
     }
     let names: Vec<String> = adapters.iter().map(|adapter| adapter.name.clone()).collect();
@@ -76,7 +81,9 @@ impl Adapter {
             wgpu::DeviceType::Cpu => AdapterKind::Software,
         };
         let driver = format!("{} {}", info.driver, info.driver_info).trim().to_owned();
-        Self { adapter, name: info.name, kind, driver, interface: info.backend.to_string() }
+        // Browsers seldom say more of a GPU than that there is one.
+        let name = if info.name.is_empty() { "WebGPU".to_owned() } else { info.name };
+        Self { adapter, name, kind, driver, interface: info.backend.to_string() }
     }
 
     /// What bounds a dispatch.
@@ -84,9 +91,12 @@ impl Adapter {
         self.adapter.limits()
     }
 
-    /// Whether lanes can share what they have loaded: subgroups, of eight lanes at least.
+    /// Whether lanes can share what they have loaded: subgroups, of eight lanes at least. A browser wants to read that in a kernel,
+    /// in words that drivers do not know.
     pub fn can_broadcast(&self) -> bool {
-        self.adapter.features().contains(wgpu::Features::SUBGROUP) && self.adapter.get_info().subgroup_min_size >= 8
+        !cfg!(target_family = "wasm")
+            && self.adapter.features().contains(wgpu::Features::SUBGROUP)
+            && self.adapter.get_info().subgroup_min_size >= 8
     }
 
     /// Opens it.
@@ -102,7 +112,7 @@ impl Adapter {
             required_limits: self.adapter.limits(),
             ..wgpu::DeviceDescriptor::default()
         };
-        let (device, queue) = pollster::block_on(self.adapter.request_device(&descriptor))
+        let (device, queue) = block_on(self.adapter.request_device(&descriptor))
             .map_err(|error| DeviceError::DeviceFailed { device: self.name.clone(), reason: error.to_string() })?;
         let noted = failure.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| noted.note(error.to_string())));

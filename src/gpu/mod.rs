@@ -1,5 +1,8 @@
 //! A GPU, through Vulkan, Metal or DirectX 12: devices, buffers and submissions, whatever kernels they run. Nothing else
 //! names the crate `wgpu`, and the feature `gpu` removes it.
+//!
+//! In a browser it is WebGPU, whose answers come only while the program rests. So there every call has to come through a function
+//! that JavaScript made with `WebAssembly.promising`, in a browser that has it (`waiting.js`).
 
 #[cfg(feature = "gpu")]
 pub mod buffers;
@@ -7,6 +10,8 @@ pub mod buffers;
 pub mod device;
 #[cfg(feature = "gpu")]
 pub mod submission;
+#[cfg(feature = "gpu")]
+mod waiting;
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};

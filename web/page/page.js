@@ -23,6 +23,7 @@ function start(file) {
     file,
     maps: $("maps").valueAsNumber,
     seed: $("seed").valueAsNumber,
+    backend: hasGpu ? $("backend").value : "cpu",
     scanTopic: $("scan-topic").value,
     odometryTopic: $("odometry-topic").value,
   });
@@ -62,6 +63,7 @@ const handle = {
       ["Steps", count(summary.steps)],
       ["Effective sample size", summary.effective_sample_size.toFixed(1)],
       ["Loops closed", count(summary.loops)],
+      ["Evaluated on", summary.evaluated_on],
     ]);
     $("verdict").textContent = summary.verdict === "consistent" ? "Consistent" : "Doubtful";
     $("verdict").className = `verdict ${summary.verdict}`;
@@ -112,6 +114,14 @@ function offer(files) {
 
 function element(tag, text) {
   return Object.assign(document.createElement(tag), { textContent: text });
+}
+
+// The program waits for a GPU, so the browser has to be able to suspend it.
+const hasGpu = "gpu" in navigator && "Suspending" in WebAssembly;
+$("backend").disabled = !hasGpu;
+if (!hasGpu) {
+  $("backend").value = "cpu";
+  $("backend-hint").textContent = "This browser has no WebGPU for the program: the CPU does all.";
 }
 
 const count = (number) => number.toLocaleString("en");

@@ -1,6 +1,6 @@
 // Maps one log, beside the page, which stays live.
 
-import init, { Settings, map_building, map_log } from "./ipslam_web.js";
+import init, { Settings, give_building, give_log, take } from "./ipslam_web.js";
 
 const viewer = {
   progress: (doing, share) => postMessage({ kind: "progress", doing, share }),
@@ -10,13 +10,15 @@ const viewer = {
   },
 };
 
-onmessage = async ({ data: { file, maps, seed, scanTopic, odometryTopic } }) => {
+onmessage = async ({ data: { file, maps, seed, backend, scanTopic, odometryTopic } }) => {
   try {
-    await init({ module_or_path: "ipslam_web_bg.wasm" });
-    const settings = new Settings(maps, seed, scanTopic, odometryTopic);
-    const mapped = file
-      ? map_log(file.name, new Uint8Array(await file.arrayBuffer()), settings, viewer)
-      : map_building(settings, viewer);
+    const { work } = await init({ module_or_path: "ipslam_web_bg.wasm" });
+    const settings = new Settings(maps, seed, backend, scanTopic, odometryTopic);
+    if (file) give_log(file.name, new Uint8Array(await file.arrayBuffer()), settings, viewer);
+    else give_building(settings, viewer);
+    // What waits for a GPU is suspended.
+    await (backend === "cpu" ? work : WebAssembly.promising(work))();
+    const mapped = take();
     const summary = JSON.parse(mapped.summary());
     const cells = mapped.cells();
     const none = new Float32Array();

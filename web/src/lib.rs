@@ -1,13 +1,19 @@
 //! The library in a browser: maps a log that is in memory, and hands a page what to show of it, as arrays of numbers.
 //! Metres, radians, seconds, in the world's frame.
+//!
+//! A log is given in, `work` does the work, and `take` hands out what came of it. `work` takes nothing and returns nothing, so that
+//! JavaScript can wrap it in `WebAssembly.promising`: it may be suspended while a GPU works.
 
+use backend::Backend;
 use ipslam::config::SlamConfig;
 use ipslam::io::mcap::Topics;
 use ipslam::io::open_bytes;
 use ipslam::simulate::Simulation;
 use mapped::Mapped;
+use std::cell::Cell;
 use wasm_bindgen::prelude::*;
 
+mod backend;
 mod live;
 mod mapped;
 
@@ -39,17 +45,19 @@ extern "C" {
 #[wasm_bindgen]
 pub struct Settings {
     config: SlamConfig,
+    backend: Backend,
     topics: Topics,
 }
 
 #[wasm_bindgen]
 impl Settings {
-    /// The defaults, with as many particles as maps. Topics are those of a bag; empty where it has one of the kind.
+    /// The defaults, with as many particles as maps. The backend is `auto`, `gpu` or `cpu`, as of the program. Topics are those of a
+    /// bag; empty where it has one of the kind.
     ///
     /// # Errors
-    /// A number is outside of its range.
+    /// A number is outside of its range, or there is no such backend.
     #[wasm_bindgen(constructor)]
-    pub fn new(maps: f64, seed: f64, scan_topic: &str, odometry_topic: &str) -> Result<Self, String> {
+    pub fn new(maps: f64, seed: f64, backend: &str, scan_topic: &str, odometry_topic: &str) -> Result<Self, String> {
         let count = |name: &str, number: f64, least: f64| {
             let is_count = number.fract() == 0.0 && (least..9e15).contains(&number);
             if is_count { Ok(number as u64) } else { Err(format!("{name}: a whole number from {least} is needed")) }
@@ -63,28 +71,49 @@ impl Settings {
             odometry: named(odometry_topic),
             ..Topics::default()
         };
-        Ok(Self { config, topics })
+        Ok(Self { config, backend: backend.parse()?, topics })
     }
 }
 
-/// Maps the log in the bytes of a file.
-///
-/// # Errors
-/// It is no log, or has no scan.
-#[wasm_bindgen]
-pub fn map_log(name: &str, bytes: Vec<u8>, settings: &Settings, viewer: &Viewer) -> Result<Mapped, String> {
-    let log = open_bytes(name, bytes, &settings.topics).map_err(|error| in_page(&error.to_string()))?;
-    live::map(&*log, None, settings.config, viewer).map_err(|error| in_page(&error))
+type Work = Box<dyn FnOnce() -> Result<Mapped, String>>;
+
+thread_local! {
+    static WORK: Cell<Option<Work>> = const { Cell::new(None) };
+    static DONE: Cell<Option<Result<Mapped, String>>> = const { Cell::new(None) };
 }
 
-/// Maps the built-in building.
+/// To map: the log in the bytes of a file.
+#[wasm_bindgen]
+pub fn give_log(name: String, bytes: Vec<u8>, settings: Settings, viewer: Viewer) {
+    WORK.set(Some(Box::new(move || {
+        let Settings { config, backend, topics } = settings;
+        let log = open_bytes(&name, bytes, &topics).map_err(|error| in_page(&error.to_string()))?;
+        live::map(&*log, None, config, backend, &viewer).map_err(|error| in_page(&error))
+    })));
+}
+
+/// To map: the built-in building.
+#[wasm_bindgen]
+pub fn give_building(settings: Settings, viewer: Viewer) {
+    WORK.set(Some(Box::new(move || {
+        let building = Simulation::building(1);
+        live::map(&building, Some(building.sweeps()), settings.config, settings.backend, &viewer)
+    })));
+}
+
+/// Maps what was given.
+#[wasm_bindgen]
+pub fn work() {
+    DONE.set(WORK.take().map(|work| work()));
+}
+
+/// What `work` made.
 ///
 /// # Errors
-/// None that is known.
+/// It was no log, or had no scan; or a GPU was asked for and there is none.
 #[wasm_bindgen]
-pub fn map_building(settings: &Settings, viewer: &Viewer) -> Result<Mapped, String> {
-    let building = Simulation::building(1);
-    live::map(&building, Some(building.sweeps()), settings.config, viewer)
+pub fn take() -> Result<Mapped, String> {
+    DONE.take().unwrap_or_else(|| Err("nothing was mapped".to_owned()))
 }
 
 /// The text of an error, with the program's options by the names that they have on the page.

@@ -1,6 +1,7 @@
 //! A run that is watched.
 
 use crate::Viewer;
+use crate::backend::Backend;
 use crate::mapped::Mapped;
 use ipslam::config::SlamConfig;
 use ipslam::geometry::Pose;
@@ -18,8 +19,19 @@ use web_time::Instant;
 const BETWEEN_PICTURES: Duration = Duration::from_millis(50);
 
 /// Maps a log, of which the number of scans may be known.
-pub fn map(log: &dyn LogSource, scans: Option<u64>, config: SlamConfig, viewer: &Viewer) -> Result<Mapped, String> {
-    let mut slam = Watched { slam: Slam::new(config), viewer, scans: 0, due: Instant::now() };
+pub fn map(
+    log: &dyn LogSource,
+    scans: Option<u64>,
+    config: SlamConfig,
+    backend: Backend,
+    viewer: &Viewer,
+) -> Result<Mapped, String> {
+    let (evaluator, evaluated_on) = backend.choose()?;
+    let slam = match evaluator {
+        Some(evaluator) => Slam::with_evaluator(config, evaluator),
+        None => Slam::new(config),
+    };
+    let mut slam = Watched { slam, viewer, scans: 0, due: Instant::now() };
     let run = Run { smoothing: Some(config.smoother()), ..Run::of(log) };
     let mut due = Instant::now();
     let mut tell = |progress: Progress<'_>| {
@@ -39,7 +51,7 @@ pub fn map(log: &dyn LogSource, scans: Option<u64>, config: SlamConfig, viewer: 
     };
     let outcome = run.run(&mut slam, &mut [], &mut tell).map_err(|error| error.to_string())?;
     viewer.progress("Drawing what is free", None);
-    Mapped::new(log, &config.scan, outcome)
+    Mapped::new(log, &config.scan, outcome, evaluated_on)
 }
 
 /// The filter, which shows its steps.

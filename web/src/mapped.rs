@@ -17,6 +17,8 @@ use wasm_bindgen::prelude::*;
 pub struct Mapped {
     name: String,
     outcome: Outcome,
+    /// What evaluated the particles, at least at first.
+    evaluated_on: String,
     map: LineMap,
     trajectory: Vec<StampedPose>,
     points: PointRaster,
@@ -26,7 +28,12 @@ pub struct Mapped {
 
 impl Mapped {
     /// Reads the log again for its points.
-    pub fn new(log: &dyn LogSource, scan_config: &ScanConfig, outcome: Outcome) -> Result<Self, String> {
+    pub fn new(
+        log: &dyn LogSource,
+        scan_config: &ScanConfig,
+        outcome: Outcome,
+        evaluated_on: String,
+    ) -> Result<Self, String> {
         if outcome.counts.scans == 0 {
             let mut reasons = vec![format!("{}: no laser reading in this log, so there is nothing to map", log.name())];
             reasons.extend(outcome.warnings());
@@ -42,7 +49,7 @@ impl Mapped {
         let free = grid.as_ref().and_then(|grid| FreeArea::from_grid(grid, driven));
         let map = LineMap { free, ..outcome.result.map.clone() };
         let trajectory = outcome.result.trajectory();
-        Ok(Self { name: log.name(), outcome, map, trajectory, points, grid, warnings })
+        Ok(Self { name: log.name(), outcome, evaluated_on, map, trajectory, points, grid, warnings })
     }
 }
 
@@ -94,6 +101,7 @@ impl Mapped {
         });
         let summary = json!({
             "name": self.name,
+            "evaluated_on": self.evaluated_on,
             "verdict": if doubts.is_empty() { "consistent" } else { "doubtful" },
             "doubts": doubts,
             "warnings": self.warnings,

@@ -18,13 +18,15 @@ PROGRAM = os.environ.get("IPSLAM_PROGRAM", Path(sys.executable).parent / "ipslam
 # A browser that asks nothing of the world outside.
 FLAGS = [
     "--no-sandbox",
-    "--disable-gpu",
     "--disable-quic",
     "--no-first-run",
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
 ]
+NO_GPU = ["--disable-gpu"]
+# WebGPU in software, which every machine has.
+GPU = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"]
 
 
 class Quiet(http.server.SimpleHTTPRequestHandler):
@@ -42,20 +44,29 @@ def address():
 
 
 @pytest.fixture(scope="session")
-def browser():
+def launch():
+    """Starts a browser with more flags, once."""
+    browsers = {}
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        yield browser
-        browser.close()
+
+        def launch(flags):
+            key = tuple(flags)
+            if key not in browsers:
+                browsers[key] = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS + flags)
+            return browsers[key]
+
+        yield launch
+        for browser in browsers.values():
+            browser.close()
 
 
 @pytest.fixture
-def open_page(browser, address):
+def open_page(launch, address):
     """Opens the page; at the end nothing may have failed, and nothing been asked of anybody else."""
     contexts, troubles = [], []
 
-    def open_page(**options):
-        context = browser.new_context(**options)
+    def open_page(flags=NO_GPU, **options):
+        context = launch(flags).new_context(**options)
         contexts.append(context)
         context.on("weberror", lambda error: troubles.append(str(error.error)))
         context.on("console", lambda message: message.type == "error" and troubles.append(message.text))
@@ -68,6 +79,14 @@ def open_page(browser, address):
     for context in contexts:
         context.close()
     assert troubles == []
+
+
+@pytest.fixture(scope="session")
+def stretch(tmp_path_factory):
+    """The log of a drive of 15 seconds: WebGPU in software takes its time."""
+    folder = tmp_path_factory.mktemp("stretch")
+    subprocess.run([PROGRAM, "simulate", "--out", folder, "--duration", "15"], check=True, capture_output=True)
+    return folder / "building-seed1.log"
 
 
 @pytest.fixture(scope="session")

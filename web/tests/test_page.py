@@ -7,10 +7,13 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from conftest import GPU
 
 # The filter draws the same random numbers in the browser, but sines, logarithms and sums are rounded otherwise: over a minute, with few
 # maps, poses differ by this much at most [m, rad]. Later one resampling comes out otherwise, and from there it is another run.
 TOLERANCE = 0.001
+# CPU and WebGPU take the same polynomials: what tests/gpu allows after a climb [m, rad].
+REFINED = 5e-5
 # A machine may be busy [ms].
 WAIT = 300_000
 
@@ -83,12 +86,12 @@ def colours(page):
     }""")
 
 
-def assert_same(ours, theirs):
-    assert difference(ours, theirs) < TOLERANCE
+def assert_same(ours, theirs, tolerance=TOLERANCE):
+    assert difference(ours, theirs) < tolerance
     # The comparison sees what is a little off.
-    moved = [*ours[:-1], (ours[-1][0], ours[-1][1] + 2 * TOLERANCE, *ours[-1][2:])]
-    turned = [*ours[:-1], (*ours[-1][:3], ours[-1][3] + 2 * TOLERANCE)]
-    assert difference(moved, theirs) > TOLERANCE and difference(turned, theirs) > TOLERANCE
+    moved = [*ours[:-1], (ours[-1][0], ours[-1][1] + 2 * tolerance, *ours[-1][2:])]
+    turned = [*ours[:-1], (*ours[-1][:3], ours[-1][3] + 2 * tolerance)]
+    assert difference(moved, theirs) > tolerance and difference(turned, theirs) > tolerance
 
 
 def test_the_demo_is_mapped(open_page, tmp_path):
@@ -141,6 +144,58 @@ def test_a_log_is_mapped_as_the_program_maps_it(way, open_page, drive, tmp_path)
     wait_for_result(page)
     assert page.inner_text("#name") == log.name
     assert_same(trajectory(save(page, "trajectory.tum", tmp_path)), trajectory(by_program / "trajectory.tum"))
+
+
+def map_with(page, log, backend):
+    """The log with 4 maps and seed 7."""
+    page.fill("#maps", "4")
+    page.fill("#seed", "7")
+    page.select_option("#backend", backend)
+    page.set_input_files("#file", log)
+    wait_for_result(page)
+
+
+def test_webgpu_maps_as_the_cpu_does(open_page, stretch, tmp_path):
+    page = open_page(GPU)
+    paths = {}
+    for backend, said in [("gpu", "WebGPU"), ("cpu", "CPU"), ("auto", "CPU (the browser has no GPU)")]:
+        map_with(page, stretch, backend)
+        assert numbers(page)["Evaluated on"].startswith(said) and not page.is_visible("#warnings-box")
+        paths[backend] = trajectory(save(page, "trajectory.tum", tmp_path))
+    assert_same(paths["gpu"], paths["cpu"], REFINED)
+    # Another device it was: the last bits are others.
+    assert paths["gpu"] != paths["cpu"] and paths["auto"] == paths["cpu"]
+
+
+# Ends the device at the 50th submission, as a driver may.
+LOSE = """
+    const open = GPUAdapter.prototype.requestDevice, submit = GPUQueue.prototype.submit;
+    let device, left = 50;
+    GPUAdapter.prototype.requestDevice = async function (...how) { return (device = await open.apply(this, how)); };
+    GPUQueue.prototype.submit = function (...work) { if (--left === 0) device.destroy(); return submit.apply(this, work); };
+"""
+
+
+def test_where_the_gpu_is_lost_the_cpu_goes_on(open_page, stretch, tmp_path):
+    page = open_page(GPU)
+
+    def lose(route):
+        response = route.fetch()
+        route.fulfill(response=response, body=LOSE + response.text())
+
+    page.route("**/worker.js", lose)
+    map_with(page, stretch, "gpu")
+    assert page.is_visible("#warnings-box") and "WebGPU" in page.text_content("#warnings")
+    with_loss = trajectory(save(page, "trajectory.tum", tmp_path))
+    map_with(page, stretch, "cpu")
+    assert_same(with_loss, trajectory(save(page, "trajectory.tum", tmp_path)), REFINED)
+
+
+def test_without_webgpu_the_cpu_does_all(open_page):
+    page = open_page()
+    page.select_option("#backend", "gpu")
+    page.click("#demo")
+    page.wait_for_selector("#error:has-text('no device')", timeout=WAIT)
 
 
 def test_what_cannot_be_mapped_says_why(open_page):
