@@ -25,6 +25,8 @@ const NEAR: f64 = 2.0;
 pub(super) const AROUND: f64 = 4.0;
 /// How far off two visits may be \[m, rad\]: what a pose graph leaves open.
 const OFF: [f64; 2] = [0.3, 0.1];
+/// How far off they may be in a direction that a scan does not see \[m, rad\]: as far as a loop close by.
+const UNKNOWN: [f64; 2] = [10.0, 1.0];
 /// How far off a wall is still found \[m\]: as far as that.
 const CAPTURE_SIGMA: f64 = 0.3;
 /// Gauss-Newton steps, with thick walls and with walls as they are.
@@ -148,7 +150,10 @@ pub(super) fn tie(drive: &Drive, path: &[Pose], older: Option<usize>, newer: usi
     if explained < LEAST_EXPLAINED || explained - looked_through() < LEAST_EXPLAINED {
         return None;
     }
-    let information = (unpacked(mode.information) - prior) * MODE_TEMPER + prior;
+    // Where the scan says nothing, as along a corridor, the path as it was is no measurement.
+    let [position, heading] = UNKNOWN.map(|sigma| sigma.powi(-2));
+    let unknown = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
+    let information = (unpacked(mode.information) - prior) * MODE_TEMPER + unknown;
     let around = Vector3::from(MOTION).map(|sigma| MOTIONS * sigma * sigma);
     let covariance = information.try_inverse()? + Matrix3::from_diagonal(&around);
     Some(Tie { older, newer, older_from_newer, covariance })
