@@ -614,8 +614,7 @@ impl Estimator for Slam {
             path.splice(1.., bent);
             clusters = map.into_iter().map(|entry| entry.cluster).collect();
         }
-        let world_from_step = |step: u32| path.get(step.max(1) as usize).or(path.first()).copied();
-        let estimate = |reading: &Reading| self.estimate(reading, world_from_step(reading.step));
+        let estimate = |reading: &Reading| self.estimate(reading, Some(path[reading.step as usize]));
         RunResult {
             map: LineMap { clusters, free: None },
             poses: self.readings.iter().map(estimate).collect(),

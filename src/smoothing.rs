@@ -76,9 +76,9 @@ const BATCH: usize = 256;
 const ITERATIONS: u32 = 5;
 
 impl Smoother {
-    /// Smooths the result of a run of this log in place. The world's origin is then the pose at the first scan, or that of the earlier
-    /// map that the drive went on with. What an earlier drive saw of the walls counts as it did then. A result without poses or
-    /// without clusters stays as it is. `progress` is handed the share that is done, 0 to 1.
+    /// Smooths the result of a run of this log in place. The world's frame is still that of the first pose, or of the earlier map that
+    /// the drive went on with. What an earlier drive saw of the walls counts as it did then. A result without poses or without clusters stays as
+    /// it is. `progress` is handed the share that is done, 0 to 1.
     ///
     /// # Errors
     /// The log cannot be read again to the last pose of the result; the result is then that of the passes before.
@@ -88,17 +88,17 @@ impl Smoother {
         result: &mut RunResult,
         progress: &mut dyn FnMut(f64),
     ) -> Result<(), LogError> {
-        if self.smoothing.passes == 0 {
-            return Ok(());
-        }
+        let first = first_pose(result);
         let smoothed = self.smooth_in_place(source, result, progress);
-        if result.earlier.is_empty() {
-            let is_scan = |reading| match reading {
-                Ok((index, LogEntry::Laser(_))) => Some(index),
-                _ => None,
-            };
-            let first: Option<usize> = readings(source)?.find_map(is_scan);
-            first.into_iter().for_each(|first| begin_at_origin(result, first));
+        // The map turns about the first pose by what the first matches of the filter were off: it is the map that is moved back.
+        if let (true, Some(before), Some(after)) = (result.earlier.is_empty(), first, first_pose(result)) {
+            let moved = before * after.inverse();
+            result
+                .poses
+                .iter_mut()
+                .flat_map(|estimate| &mut estimate.world_from_robot)
+                .for_each(|pose| *pose = moved * *pose);
+            result.map.clusters.iter_mut().for_each(|cluster| *cluster = cluster.transformed(moved));
         }
         smoothed
     }
@@ -122,13 +122,8 @@ impl Smoother {
     }
 }
 
-/// Moves all of a result so that the pose of this reading is the origin: matched to the map, it has turned against it.
-fn begin_at_origin(result: &mut RunResult, reading: usize) {
-    let Some(first) = result.poses.get(reading).and_then(|estimate| estimate.world_from_robot) else { return };
-    let moved = first.inverse();
-    let poses = result.poses.iter_mut().flat_map(|estimate| &mut estimate.world_from_robot);
-    poses.for_each(|pose| *pose = moved * *pose);
-    result.map.clusters.iter_mut().for_each(|cluster| *cluster = cluster.transformed(moved));
+fn first_pose(result: &RunResult) -> Option<Pose> {
+    result.poses.first()?.world_from_robot
 }
 
 /// Moves every scan to where the map wants it, and gathers what each cluster then explains.
