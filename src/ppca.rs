@@ -151,20 +151,14 @@ impl Cluster {
     /// meets it away from its ends, each by more than three standard deviations across, none of them less than
     /// `least_sigma` \[m\].
     pub fn separates(&self, one: Point2<f64>, other: Point2<f64>, least_sigma: f64) -> bool {
-        self.passed_at(one, other, least_sigma).is_some()
-    }
-
-    /// Where the line between two points meets the wall that [separates](Self::separates) them.
-    pub fn passed_at(&self, one: Point2<f64>, other: Point2<f64>, least_sigma: f64) -> Option<Point2<f64>> {
         let margin = 3.0 * self.across_variance.sqrt().max(least_sigma);
         let [one, other] = [one, other].map(|point| point - self.mean);
         let [a, b] = [one, other].map(|offset| self.normal().dot(&offset));
         if a * b >= 0.0 || a.abs().min(b.abs()) <= margin {
-            return None;
+            return false;
         }
         let met = one.lerp(&other, a / (a - b));
-        let is_inside = self.direction.dot(&met).abs() < 0.5 * self.length() - margin;
-        is_inside.then(|| self.mean + met)
+        self.direction.dot(&met).abs() < 0.5 * self.length() - margin
     }
 
     /// Ends of the wall that the cluster stands for: √3 standard deviations either side of the centre, where a

@@ -2,7 +2,6 @@
 
 use super::bins::bin;
 use super::clouds::Clouds;
-use super::estimate::Evidence;
 use super::{InitialPose, Localization, LocalizationConfig};
 use crate::evaluator::Weighed;
 use crate::evaluator::grouping::sort_by_place;
@@ -26,7 +25,7 @@ pub(super) struct Particle {
     /// Its share of the weight before it is weighed.
     pub share: f64,
     /// Accumulated evidence for its place.
-    pub evidence: Evidence,
+    pub evidence: f64,
 }
 
 /// Particles, and the number of bins that they occupy.
@@ -87,7 +86,7 @@ impl Localization {
             draw(&strays, 0, if clouds.clouds.is_empty() { kept.max(1) } else { kept });
         }
         let share = share_from_anywhere / new as f64;
-        let evidence = Evidence { fit: self.best_evidence.min(0.0), openings: 0.0 };
+        let evidence = self.best_evidence.min(0.0);
         let from = |number| Particle { pose: self.anywhere(self.steps, number), parent: u32::MAX, share, evidence };
         particles.extend((0..new as u32).map(from));
         Drawn { particles, bins }
@@ -106,7 +105,7 @@ impl Localization {
         };
         let SampleSize { particles: count, bins } = self.sample_size(pose);
         let share = 1.0 / count as f64;
-        let particle = |number| Particle { pose: pose(number), parent: number, share, evidence: Evidence::default() };
+        let particle = |number| Particle { pose: pose(number), parent: number, share, evidence: 0.0 };
         Drawn { particles: (0..count as u32).map(particle).collect(), bins }
     }
 

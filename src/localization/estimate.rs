@@ -84,37 +84,8 @@ const LOCATED_WEIGHT: f64 = 0.95;
 /// The robot is located once the evidence for its place has reached this: a quarter of the scan more than required, in six
 /// steps, which are two metres. One room resembles another, but the way from one to the next differs.
 const LOCATED_EVIDENCE: f64 = 6.0 * 0.25;
-/// Bound of what the fit of scans says for or against a place: a few bad scans do not undo it, and a wrong start can be made up for.
+/// Bound of the evidence for or against a place: a few bad scans do not undo it, and a wrong start can be made up for.
 const MAX_EVIDENCE: f64 = 2.0 * LOCATED_EVIDENCE;
-
-/// Bound of what openings say for or against a place: the points of one scan.
-const MAX_OPENINGS: f64 = 1.0;
-
-/// What speaks for a place, accumulated over the steps; against it where negative.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Evidence {
-    /// The bounded sum of the share of the scan that the map explains, less the share that is `enough`. This is a sequential test of
-    /// the place against one that explains just enough.
-    pub fit: f64,
-    /// The bounded sum of [`Walls::seen_through_openings`](super::Walls::seen_through_openings).
-    pub openings: f64,
-}
-
-impl Evidence {
-    /// That after one more step.
-    fn after(self, explained: f64, enough: f64, openings: f64) -> Self {
-        let bounded = |sum: f64, most: f64| sum.clamp(-most, most);
-        Self {
-            fit: bounded(self.fit + explained - enough, MAX_EVIDENCE),
-            openings: bounded(self.openings + openings, MAX_OPENINGS),
-        }
-    }
-
-    /// Whether it is enough to be located: scans fit, and no more points were seen through walls than through openings.
-    fn is_enough(self) -> bool {
-        self.fit >= LOCATED_EVIDENCE && self.openings >= 0.0
-    }
-}
 
 /// A place where the robot may be.
 pub(super) struct Place {
@@ -129,7 +100,8 @@ pub(super) struct Place {
     pub concentrated: f64,
     /// Share of the scan that the map explains from there, 0 to 1.
     pub explained: f64,
-    pub evidence: Evidence,
+    /// Evidence for it, accumulated over the steps.
+    pub evidence: f64,
 }
 
 impl Place {
@@ -141,8 +113,14 @@ impl Place {
 
     /// Whether the robot is there, judged by this place alone: `enough` is the share of a scan that has to be explained.
     pub fn is_sure(&self, enough: f64) -> bool {
-        self.concentrated >= LOCATED_WEIGHT && self.explained >= enough && self.evidence.is_enough()
+        self.concentrated >= LOCATED_WEIGHT && self.explained >= enough && self.evidence >= LOCATED_EVIDENCE
     }
+}
+
+/// The evidence for a place after one more step: the bounded sum over the steps of the share of the scan that the map explains,
+/// less the share that is `enough`. This is a sequential test of the place against one that explains just enough.
+fn evidence(before: f64, explained: f64, enough: f64) -> f64 {
+    (before + explained - enough).clamp(-MAX_EVIDENCE, MAX_EVIDENCE)
 }
 
 /// Factors that limit how far eq. 18 lowers the weight of one place against another.
@@ -190,8 +168,7 @@ impl Localization {
         let fit = places.iter().map(|place| place.explained).fold(0.0, f64::max);
         let is_alone = places.iter().filter(|place| place.weight >= LIGHTEST_CLOUD).count() <= 1;
         let heaviest = places.into_iter().reduce(|a, b| if b.weight > a.weight { b } else { a });
-        let heaviest =
-            heaviest.unwrap_or_else(|| self.evaluate(&Cloud::heaviest(weighed, weights), Evidence::default(), tiles));
+        let heaviest = heaviest.unwrap_or_else(|| self.evaluate(&Cloud::heaviest(weighed, weights), 0.0, tiles));
         self.from_anywhere = self.recovery.update(fit.max(heaviest.explained));
         self.judge(&heaviest, is_alone)
     }
@@ -200,13 +177,9 @@ impl Localization {
     fn place(&mut self, members: &[u32], weighed: &[Weighed], weights: &[f64], tiles: &[Tile]) -> Place {
         let of = |numbers: &[f64]| members.iter().map(|&number| numbers[number as usize]).collect::<Vec<f64>>();
         let particles: Vec<Weighed> = members.iter().map(|&number| weighed[number as usize]).collect();
-        let (weights, shares) = (of(weights), of(&self.shares));
+        let (weights, shares, evidence) = (of(weights), of(&self.shares), of(&self.evidence));
         let share: f64 = shares.iter().sum();
-        let mean = |of: fn(Evidence) -> f64| {
-            members.iter().zip(&shares).map(|(&number, share)| share * of(self.evidence[number as usize])).sum::<f64>()
-                / share
-        };
-        let before = Evidence { fit: mean(|evidence| evidence.fit), openings: mean(|evidence| evidence.openings) };
+        let before = shares.iter().zip(evidence).map(|(share, evidence)| share * evidence).sum::<f64>() / share;
         let cloud = Cloud::heaviest(&particles, &weights);
         let place = Place { share, weight: weights.iter().sum(), ..self.evaluate(&cloud, before, tiles) };
         members.iter().for_each(|&number| self.evidence[number as usize] = place.evidence);
@@ -215,13 +188,12 @@ impl Localization {
 
     /// The MAP estimate of the pose near a cloud, by Gauss-Newton steps from its mean, with the evidence for it; `before` is the
     /// evidence up to the last step.
-    pub(super) fn evaluate(&mut self, cloud: &Cloud, before: Evidence, tiles: &[Tile]) -> Place {
+    pub(super) fn evaluate(&mut self, cloud: &Cloud, before: f64, tiles: &[Tile]) -> Place {
         // The few particles of a cloud may coincide.
         let mode = self.climb(cloud.mean, &(cloud.covariance + best_known(1.0)), tiles, false);
         let world_from_robot = mode.pose.in_world(self.walls.table.anchor());
         let explained = self.walls.explained(world_from_robot, f64::from(mode.log_likelihood), tiles);
-        let openings = self.walls.seen_through_openings(world_from_robot, tiles, &self.free);
-        let evidence = before.after(explained, self.config.located_explained, openings);
+        let evidence = evidence(before, explained, self.config.located_explained);
         let covariance = unpacked(mode.information).try_inverse().unwrap_or(cloud.covariance) + best_known(1.0);
         Place {
             world_from_robot,
@@ -236,7 +208,7 @@ impl Localization {
 
     /// Takes a place for the estimate, and decides whether it can be relied on.
     pub(super) fn judge(&mut self, place: &Place, is_alone: bool) -> Located {
-        self.best_evidence = place.evidence.fit;
+        self.best_evidence = place.evidence;
         let is_located =
             is_alone && self.is_expected(place.world_from_robot) && place.is_sure(self.config.located_explained);
         let confidence = Confidence { weight: place.concentrated, explained: place.explained, is_located };
@@ -259,15 +231,7 @@ mod tests {
     fn place(share: f64, weight: f64, explained: f64) -> Place {
         let world_from_robot = Pose::IDENTITY;
         let covariance = Matrix3::zeros();
-        Place {
-            world_from_robot,
-            covariance,
-            share,
-            weight,
-            concentrated: weight,
-            explained,
-            evidence: Evidence::default(),
-        }
+        Place { world_from_robot, covariance, share, weight, concentrated: weight, explained, evidence: 0.0 }
     }
 
     /// By hand: of equal shares the weights are as e⁰, e⁻², e⁻⁴ and e⁻⁴; the first two explain enough, the third lacks 0.1 of
@@ -290,7 +254,7 @@ mod tests {
         let enough = 0.6;
         let after = |steps: &[(u32, f64)]| {
             let all = steps.iter().flat_map(|&(times, explained)| std::iter::repeat_n(explained, times as usize));
-            all.fold(Evidence::default(), |before, explained| before.after(explained, enough, 0.0))
+            all.fold(0.0, |before, explained| evidence(before, explained, enough))
         };
         let is_sure = |steps| Place { evidence: after(steps), ..place(1.0, 1.0, 0.9) }.is_sure(enough);
         // A surplus of 0.3 a step: 1.5 after five of them.

@@ -37,7 +37,7 @@ use crate::tracking::starts::LEVER;
 use bins::BIN;
 use clouds::Clouds;
 use drawing::{Drawn, in_order};
-use estimate::{Evidence, best_known, is_plausible};
+use estimate::{best_known, is_plausible};
 use nalgebra::{Matrix3, Point2};
 use walls::Walls;
 
@@ -91,10 +91,10 @@ pub struct Localization {
     /// Share of the weight that each of them has before it is weighed.
     shares: Vec<f64>,
     /// Accumulated evidence for the place of each of them.
-    evidence: Vec<Evidence>,
+    evidence: Vec<f64>,
     /// Standard deviation across a wall while particles are weighed, and in the first steps of a climb \[m\].
     capture_sigma: f64,
-    /// What the fit of scans says for the estimate, accumulated.
+    /// Accumulated evidence for the estimate.
     best_evidence: f64,
     recovery: Recovery,
     /// Share of the particles that are drawn from the whole free area at the next step.
@@ -457,7 +457,7 @@ mod tests {
     fn locate(mut filter: Localization) -> Confidence {
         let mean = LocalPose::new(ROBOT, filter.walls.table.anchor()).in_world(Point2::origin());
         let cloud = Cloud { mean, covariance: Matrix3::identity() * 0.01, weight: 1.0 };
-        let place = filter.evaluate(&cloud, Evidence { fit: 10.0, openings: 0.0 }, &tiles_seen());
+        let place = filter.evaluate(&cloud, 10.0, &tiles_seen());
         let Located { world_from_robot, confidence, .. } = filter.judge(&place, true);
         let off = world_from_robot.seen_from(ROBOT);
         assert!(off.x.hypot(off.y) < 0.01 && off.heading.abs() < 0.01, "{world_from_robot:?}");
@@ -502,21 +502,6 @@ mod tests {
         assert!(open.is_located && confidence(5.0).is_located && !confidence(3.0).is_located);
     }
 
-    /// The wall of 5 m in the test above has a door as wide as it, or none.
-    #[test]
-    fn what_is_seen_through_a_wall_without_an_opening_is_another_building() {
-        let confidence = |door: bool| {
-            let mut filter = filter([room(), vec![wall([5.0, 0.0], [5.0, 4.0])]].concat(), ROBOT);
-            // Columns of a metre: the wall's is the last.
-            let cells = (0..24).map(|cell| if cell % 6 < 4 || door { Cell::Free } else { Cell::Unknown }).collect();
-            let grid = OccupancyGrid::new(1.0, Pose::IDENTITY, 6, 4, cells).unwrap();
-            filter.free = FreeArea::from_grid(&grid, []).unwrap();
-            locate(filter)
-        };
-        let (open, shut) = (confidence(true), confidence(false));
-        assert!(open.is_located && !shut.is_located && open.explained == shut.explained, "{open:?}, {shut:?}");
-    }
-
     /// All particles are in one cloud, where scans fit badly: however few there are, some come from anywhere.
     #[test]
     fn a_robot_that_was_carried_away_is_sought_by_few_particles_too() {
@@ -526,7 +511,7 @@ mod tests {
             let pose = LocalPose::new(ROBOT, filter.walls.table.anchor());
             let (weighed, weights) =
                 (vec![Weighed { pose, log_likelihood: 0.0 }; count], vec![1.0 / count as f64; count]);
-            filter.evidence = vec![Evidence::default(); count];
+            filter.evidence = vec![0.0; count];
             let clouds = Clouds::of(&weighed, &weights);
             let new = |from_anywhere: f64| {
                 let Drawn { particles, .. } = filter.resample(&weighed, &weights, &clouds, from_anywhere);

@@ -5,7 +5,6 @@ use crate::ablation::Latent;
 use crate::evaluator::table::ClusterTable;
 use crate::evaluator::tiles::{Tile, reach};
 use crate::geometry::Pose;
-use crate::grid::FreeArea;
 use crate::likelihood::{ClusterParams, LikelihoodConfig};
 use crate::map::{MapCluster, Pool, Slot};
 use crate::ppca::Cluster;
@@ -64,26 +63,6 @@ impl Walls {
         let walls: Vec<&Cluster> = self.clusters.iter().filter(|wall| wall.may_be_within(reach, robot)).collect();
         let is_behind = |point: &Point2<f64>| walls.iter().any(|wall| wall.separates(robot, *point, MIN_SIGMA));
         tiles.iter().flat_map(Tile::points).map(|point| world_from_robot * point).filter(is_behind).count()
-    }
-
-    /// The share of the points that were seen through openings of walls, less the share that were seen through the walls themselves,
-    /// -1 to 1. A cluster may run across a door; there the free area goes through it. In the map of another building the corridors may
-    /// be the same, but doors are elsewhere.
-    pub fn seen_through_openings(&self, world_from_robot: Pose, tiles: &[Tile], free: &FreeArea) -> f64 {
-        let (robot, reach) = (world_from_robot.position(), f64::from(reach(tiles)));
-        let walls: Vec<&Cluster> = self.clusters.iter().filter(|wall| wall.may_be_within(reach, robot)).collect();
-        // A jamb takes a cell of an opening.
-        let is_open = |wall: &Cluster, met: Point2<f64>| {
-            [-1.0, 0.0, 1.0].iter().any(|cells| free.contains(met + wall.direction * (cells * free.cell_size())))
-        };
-        let (mut points, mut balance) = (0, 0);
-        for point in tiles.iter().flat_map(Tile::points).map(|point| world_from_robot * point) {
-            let passed = walls.iter().filter_map(|wall| Some(is_open(wall, wall.passed_at(robot, point, MIN_SIGMA)?)));
-            points += 1;
-            // One wall without an opening is enough.
-            balance += passed.min().map_or(0, |all_are_open| if all_are_open { 1 } else { -1 });
-        }
-        f64::from(balance) / f64::from(points.max(1))
     }
 
     /// Standard deviation across a wall \[m\], averaged over all metres of wall.
