@@ -76,34 +76,13 @@ const BATCH: usize = 256;
 const ITERATIONS: u32 = 5;
 
 impl Smoother {
-    /// Smooths the result of a run of this log in place. The world's frame is still that of the first pose, or of the earlier map that
-    /// the drive went on with. What an earlier drive saw of the walls counts as it did then. A result without poses or without clusters stays as
+    /// Smooths the result of a run of this log in place. Frames stay: the world's origin is still the first pose of the
+    /// filter. What an earlier drive saw of the walls counts as it did then. A result without poses or without clusters stays as
     /// it is. `progress` is handed the share that is done, 0 to 1.
     ///
     /// # Errors
     /// The log cannot be read again to the last pose of the result; the result is then that of the passes before.
     pub fn smooth(
-        &self,
-        source: &dyn LogSource,
-        result: &mut RunResult,
-        progress: &mut dyn FnMut(f64),
-    ) -> Result<(), LogError> {
-        let first = first_pose(result);
-        let smoothed = self.smooth_in_place(source, result, progress);
-        // The map turns about the first pose by what the first matches of the filter were off: it is the map that is moved back.
-        if let (true, Some(before), Some(after)) = (result.earlier.is_empty(), first, first_pose(result)) {
-            let moved = before * after.inverse();
-            result
-                .poses
-                .iter_mut()
-                .flat_map(|estimate| &mut estimate.world_from_robot)
-                .for_each(|pose| *pose = moved * *pose);
-            result.map.clusters.iter_mut().for_each(|cluster| *cluster = cluster.transformed(moved));
-        }
-        smoothed
-    }
-
-    fn smooth_in_place(
         &self,
         source: &dyn LogSource,
         result: &mut RunResult,
@@ -120,10 +99,6 @@ impl Smoother {
         }
         Ok(())
     }
-}
-
-fn first_pose(result: &RunResult) -> Option<Pose> {
-    result.poses.first()?.world_from_robot
 }
 
 /// Moves every scan to where the map wants it, and gathers what each cluster then explains.
@@ -168,10 +143,8 @@ fn match_scans(
     }
     place(&mut batch, result);
 
-    // Readings without a scan keep their place relative to the last scan, or to the first one.
-    let first = is_laser.iter().position(|&is_laser| is_laser);
-    let mut last_laser: Option<(Pose, Pose)> =
-        first.and_then(|first| Some((before[first], result.poses[first].world_from_robot?)));
+    // Readings without a scan keep their place relative to the last scan.
+    let mut last_laser: Option<(Pose, Pose)> = None;
     for ((Estimate { world_from_robot, .. }, before), is_laser) in result.poses.iter_mut().zip(before).zip(is_laser) {
         if is_laser {
             last_laser = world_from_robot.map(|after| (before, after));

@@ -74,39 +74,6 @@ fn a_minute_in_the_building_stays_close_to_the_truth() {
     assert_eq!(result.trajectory().len(), count);
 }
 
-/// The first scan lies 0.02 rad off the map that the filter made. It is the map that turns back, so that the first pose is still the origin.
-#[test]
-fn smoothing_leaves_the_map_in_the_frame_of_the_first_pose() {
-    let simulation = simulation(20.0);
-    let entries: Vec<LogEntry> = simulation.open().unwrap().map(Result::unwrap).collect();
-    let first_scan =
-        readings(&simulation).unwrap().map(Result::unwrap).position(|(_, entry)| matches!(entry, LogEntry::Laser(_)));
-    let filtered = run(&simulation, few_maps());
-    let mut result = filtered.turned(0.02);
-    result.poses[..=first_scan.unwrap()].copy_from_slice(&filtered.poses[..=first_scan.unwrap()]);
-    let error = |result: &RunResult| {
-        let (truth, found) = (truth(&simulation), result.trajectory());
-        let last = found.last().unwrap();
-        let is =
-            truth.iter().min_by(|a, b| (a.stamp - last.stamp).abs().total_cmp(&(b.stamp - last.stamp).abs())).unwrap();
-        wrap_angle(last.pose.seen_from(found[0].pose).heading - is.pose.heading)
-    };
-    let before = error(&result);
-    few_maps().smoother().smooth(&simulation, &mut result, &mut |_| {}).unwrap();
-    let (origin, after) = (result.trajectory()[0].pose, error(&result));
-    println!("{} readings; the last heading is off by {before:.4} rad, smoothed {after:.4}", entries.len());
-    assert!(before.abs() > 0.01 && after.abs() < 0.005, "{before} rad, smoothed {after}");
-    let off = origin.seen_from(filtered.trajectory()[0].pose);
-    assert!(off.x.hypot(off.y) < 1e-9 && off.heading.abs() < 1e-9, "{origin:?}");
-    // The walls turned with the poses: those of the building are at right angles.
-    let longest = result.map.clusters.iter().max_by(|a, b| a.length().total_cmp(&b.length())).unwrap();
-    let direction = simulation.truth().next().unwrap().pose
-        * origin
-        * Pose::new(0.0, 0.0, longest.direction.y.atan2(longest.direction.x));
-    let off = direction.heading - (direction.heading / FRAC_PI_2).round() * FRAC_PI_2;
-    assert!(off.abs() < 0.005, "{off} rad");
-}
-
 /// A laser that looks all around, as two that look ahead and back.
 struct FrontAndRear(Simulation);
 
