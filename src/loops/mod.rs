@@ -245,7 +245,8 @@ impl Loops {
             (hypothesis.is_drift || may_have_failed || is_confirmed)
                 && log_likelihood(&self.drive.moved(whole, &hypothesis.path)) >= log_likelihood(whole)
         };
-        let hypothesis = self.bend(path, &ties, window).filter(is_believed);
+        let hypothesis = self.bend(path, &ties, window)?;
+        let is_closed = is_believed(&hypothesis);
         self.found.push(Loop {
             stamp: self.drive.keyframes[step].stamp,
             older_stamp: new.older.map(|older| self.drive.keyframes[older].stamp),
@@ -254,11 +255,12 @@ impl Loops {
             older_from_robot: new.older_from_newer,
             correction: found.distance(path[step]),
             explained: found.explained,
-            is_closed: hypothesis.is_some(),
+            is_closed,
         });
-        let hypothesis = hypothesis?;
-        self.ties = hypothesis.ties;
-        Some(self.rebuild(whole, &hypothesis.path))
+        is_closed.then(|| {
+            self.ties = hypothesis.ties;
+            self.rebuild(whole, &hypothesis.path)
+        })
     }
 
     /// The loops that are open and put the robot where this one has it, each found by a window of other metres: next to a room that looks
