@@ -2,7 +2,9 @@
 //!
 //! Of the [format](https://mcap.dev/spec) this reads schemas, channels, messages and chunks of messages, up to the end
 //! of the data section; the summary behind it repeats what was read. No size in a file is trusted:
-//! memory grows with the bytes that are really there, up to a limit.
+//! memory grows with the bytes that are really there, up to a limit. That is why the crate `mcap` does not read it: files that were cut
+//! or damaged are read as far as they go here, in the order of the file and from a pipe too, and what a size claims is allocated only as
+//! its bytes come.
 
 use super::super::stream::Stream;
 use super::messages::ros2_name;
