@@ -10,9 +10,8 @@ use ipslam::io::mcap::Topics;
 use ipslam::io::{open_log, write_whole};
 use ipslam::log::LogSource;
 use ipslam::picture::{Line, Picture, View, svg_to_png};
-use ipslam::pipeline;
 use ipslam::ppca::Cluster;
-use ipslam::report::{Estimator as _, Event};
+use ipslam::report::{Estimator as _, Event, RunResult};
 use ipslam::simulate::Simulation;
 use ipslam::slam::Slam;
 use png::{BlendOp, ColorType, Compression, Encoder, EncodingError, Filter};
@@ -40,9 +39,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let config = SlamConfig { particles: 32, maps: 32, ..SlamConfig::default() };
 
-    let result = pipeline::map(&*log, &config)?;
+    let (moments, mut result) = grow(&*log, config)?;
+    config.smoother().smooth(&*log, &mut result, &mut |_| {})?;
     let finished = Moment { walls: result.map.clusters.clone(), path: result.trajectory() };
-    let moments = grow(&*log, config)?;
     let view = View::around([finished.path.as_slice()], &finished.walls, None);
 
     let chosen = (1..=PICTURES).filter_map(|number| moments.get((number * moments.len() / PICTURES).checked_sub(1)?));
@@ -58,8 +57,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The map at every step of the filter.
-fn grow(log: &dyn LogSource, config: SlamConfig) -> Result<Vec<Moment>, Box<dyn Error>> {
+/// The map at every step of the filter, and what it ends with.
+fn grow(log: &dyn LogSource, config: SlamConfig) -> Result<(Vec<Moment>, RunResult), Box<dyn Error>> {
     let mut slam = Slam::new(config);
     let mut moments = Vec::new();
     for entry in log.open()? {
@@ -74,7 +73,7 @@ fn grow(log: &dyn LogSource, config: SlamConfig) -> Result<Vec<Moment>, Box<dyn 
             moments.push(Moment { walls, path });
         }
     }
-    Ok(moments)
+    Ok((moments, slam.result()))
 }
 
 fn draw(moment: &Moment, view: View, name: &str) -> Result<RgbImage, Box<dyn Error>> {

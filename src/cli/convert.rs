@@ -7,7 +7,7 @@ use super::log::{is_standard_input, open_standard_input};
 use super::say::say;
 #[cfg(feature = "images")]
 use super::{dataset::ensure_new, pictures::PicturesArgs};
-use anyhow::{anyhow, bail};
+use anyhow::{anyhow, bail, ensure};
 use flate2::{Compression, write::GzEncoder};
 use ipslam::clustering::ClusteringConfig;
 use ipslam::grid::{FreeArea, OccupancyGrid, RESOLUTION, drawn};
@@ -97,6 +97,14 @@ enum Map {
     Grid(OccupancyGrid),
 }
 
+/// What is written would destroy what is read, by whichever name it goes.
+pub fn refuse_input(what: &str, input: &Path, output: &Path) -> anyhow::Result<()> {
+    // What is not there yet is no input.
+    let is_input = same_file::is_same_file(input, output).unwrap_or(false);
+    ensure!(!is_input, UsageError(format!("{}: this is the {what} that is read; name another file", output.display())));
+    Ok(())
+}
+
 /// Reads the one and writes the other.
 pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
     let ConvertArgs { input, output, dataset, .. } = args;
@@ -128,10 +136,7 @@ pub fn convert(args: &ConvertArgs) -> anyhow::Result<()> {
     })?;
     // A PNG comes with a YAML file beside it.
     let written = [Some(output.clone()), (format == Format::Png).then(|| output.with_extension("yaml"))];
-    if let Some(same) = written.into_iter().flatten().find(|path| same_file::is_same_file(input, path).unwrap_or(false))
-    {
-        bail!(UsageError(format!("{}: this is the file that is read; name another one", same.display())));
-    }
+    written.iter().flatten().try_for_each(|output| refuse_input("file", input, output))?;
     let map = match Format::of(input) {
         Some(Format::Json) => Map::Clusters(map_json::read_map(input)?),
         Some(Format::MapServer) => Map::Grid(warned(map_server::read(input)?)),

@@ -1,7 +1,7 @@
 //! `ipslam degrade`: a log made harder.
 
 use super::UsageError;
-use super::convert::write_log;
+use super::convert::{refuse_input, write_log};
 use super::interrupt;
 use super::say::{print_line, say};
 use anyhow::ensure;
@@ -140,8 +140,7 @@ impl DamageArgs {
 /// Writes the harder log, and says what it holds.
 pub fn degrade(args: &DegradeArgs) -> anyhow::Result<()> {
     let DegradeArgs { log, out, force, scan_topic, odom_topic, seed, damage } = args;
-    let is_input = same_file::is_same_file(log, out).unwrap_or(false);
-    ensure!(!is_input, UsageError(format!("{}: this is the log that is read; name another file", out.display())));
+    refuse_input("log", log, out)?;
     let is_free = *force || !out.exists();
     ensure!(is_free, UsageError(format!("{}: it is there already: replace it with --force", out.display())));
     let damage = damage.damage();

@@ -240,13 +240,10 @@ impl Loops {
         let is_close = found.distance(path[window.last]) <= self.config.loops.window;
         let (step, is_confirmed) = (new.newer, !ties.is_empty());
         ties.push(new);
-        let is_believed = |hypothesis: &Hypothesis| {
-            let may_have_failed = is_close && hypothesis.cost <= FAILURE;
-            (hypothesis.is_drift || may_have_failed || is_confirmed)
-                && log_likelihood(&self.drive.moved(whole, &hypothesis.path)) >= log_likelihood(whole)
-        };
         let hypothesis = self.bend(path, &ties, window)?;
-        let is_closed = is_believed(&hypothesis);
+        let is_believed = hypothesis.is_drift || is_confirmed || is_close && hypothesis.cost <= FAILURE;
+        let bent = self.drive.moved(whole, &hypothesis.path);
+        let is_closed = is_believed && log_likelihood(&bent) >= log_likelihood(whole);
         self.found.push(Loop {
             stamp: self.drive.keyframes[step].stamp,
             older_stamp: new.older.map(|older| self.drive.keyframes[older].stamp),
@@ -263,25 +260,25 @@ impl Loops {
         })
     }
 
-    /// The loops that are open and put the robot where this one has it, each found by a window of other metres: next to a room that looks
-    /// like another one are rooms that do not.
+    /// The ties of loops that did not close when they were found and that put the robot where this one has it, each by a window of other
+    /// metres: next to a room that looks like another one are rooms that do not.
     fn agreeing(&self, found: &Found, whole: &[Pose], path: &[Pose]) -> Vec<Tie> {
         let Drive { travelled, moves_with, .. } = &self.drive;
         let (now, robot) = (path.len() - 1, whole[whole.len() - 1]);
         let tie = |before: &Loop| {
-            let [older, newer] = [before.older, Some(before.step)].map(|step| step.map(|step| step as usize));
-            let newer = newer.filter(|_| !before.is_closed)?;
+            let step = before.step as usize;
+            let older = before.older.map(|older| older as usize);
             let there = pose_of(older, whole) * before.older_from_robot;
-            let keyframe = moves_with[newer] as usize;
-            let apart = travelled[now] - travelled[keyframe];
-            let agrees = is_near(found.world_from_robot, there * robot.seen_from(whole[newer]), AGREES);
+            let newer = moves_with[step] as usize;
+            let apart = travelled[now] - travelled[newer];
             let is_other = (self.config.loops.search_distance..=AGREES_FOR).contains(&apart);
-            (agrees && is_other).then(|| {
+            let agrees = is_near(found.world_from_robot, there * robot.seen_from(whole[step]), AGREES);
+            (is_other && agrees).then(|| {
                 let older = older.map(|older| moves_with[older] as usize);
-                Tie::of_window(there.seen_from(pose_of(older, path)), older, keyframe)
+                Tie::of_window(there.seen_from(pose_of(older, path)), older, newer)
             })
         };
-        self.found.iter().filter_map(tie).collect()
+        self.found.iter().filter(|before| !before.is_closed).filter_map(tie).collect()
     }
 
     /// Forgets visits to places that are covered, of steps that are settled. Returns the path of what is left.

@@ -139,8 +139,11 @@ pub(super) fn tie(drive: &Drive, path: &[Pose], older: Option<usize>, newer: usi
     let log_outlier = config.likelihood.log_outlier();
     let row = |wall| ClusterParams::new(wall, origin, &config.likelihood, config.ablation.latent);
     let rows: Vec<ClusterParams> = walls.iter().map(row).collect();
-    let [position, heading] = OFF.map(|sigma| sigma.powi(-2));
-    let prior = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
+    let information_of = |sigmas: [f64; 2]| {
+        let [position, heading] = sigmas.map(|sigma| sigma.powi(-2));
+        Matrix3::from_diagonal(&Vector3::new(position, position, heading))
+    };
+    let prior = information_of(OFF);
     let expected = PosePrior { pose: LocalPose::new(expected, origin), information: packed(&prior) };
     let Matched { mode, likeliest } = match_closely(&rows, log_outlier, expected, tiles, CAPTURE_SIGMA, ITERATIONS);
 
@@ -151,9 +154,7 @@ pub(super) fn tie(drive: &Drive, path: &[Pose], older: Option<usize>, newer: usi
         return None;
     }
     // Where the scan says nothing, as along a corridor, the path as it was is no measurement.
-    let [position, heading] = UNKNOWN.map(|sigma| sigma.powi(-2));
-    let unknown = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
-    let information = (unpacked(mode.information) - prior) * MODE_TEMPER + unknown;
+    let information = (unpacked(mode.information) - prior) * MODE_TEMPER + information_of(UNKNOWN);
     let around = Vector3::from(MOTION).map(|sigma| MOTIONS * sigma * sigma);
     let covariance = information.try_inverse()? + Matrix3::from_diagonal(&around);
     Some(Tie { older, newer, older_from_newer, covariance })

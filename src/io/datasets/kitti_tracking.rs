@@ -40,14 +40,19 @@ pub(super) fn set_noise(sensors: &mut Sensors3) {
     sensors.noise = PixelNoise { u: 3.0, v: 2.0, disparity: 1.0, share: 0.07 };
     // Cars that drive are as good as false.
     sensors.detector = Detector3 { detection_probability: 0.85, clutter: 1.0 };
-    sensors.odometry = OdometryNoise3 {
+    sensors.odometry = odometry_noise();
+}
+
+/// Of visual odometry, measured in these drives.
+pub(super) fn odometry_noise() -> OdometryNoise3 {
+    OdometryNoise3 {
         position_per_metre: 0.02,
         rotation_per_metre: 0.001,
         rotation_per_radian: 0.01,
         scale: 0.03,
         turn_scale: 0.003,
         ..OdometryNoise3::default()
-    };
+    }
 }
 
 pub(super) fn read(folder: &Path) -> Result<Converted3, LogError> {

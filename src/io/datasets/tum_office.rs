@@ -8,8 +8,9 @@
 //! from different sides agree best.
 
 use super::kitti_odometry::odometry;
+use super::kitti_tracking::odometry_noise;
 use super::{Converted3, Options};
-use crate::detections::{Detection3, Detector3, Frame, Odometry3, OdometryNoise3, PixelNoise, Recording3, Sensors3};
+use crate::detections::{Detection3, Detector3, Frame, Odometry3, PixelNoise, Recording3, Sensors3};
 use crate::geometry::{Pinhole, StampedPose3};
 use crate::io::table::{Layout, read_table};
 use crate::io::tum;
@@ -47,14 +48,7 @@ pub(super) fn read(folder: &Path, options: &Options) -> Result<Converted3, super
     sensors.noise = PixelNoise { u: 3.0, v: 3.0, disparity: 2.0, share: HEIGHT_ERROR };
     sensors.detector = Detector3 { detection_probability: 0.6, clutter: 0.1 };
     // As it was simulated.
-    sensors.odometry = OdometryNoise3 {
-        position_per_metre: 0.02,
-        rotation_per_metre: 0.001,
-        rotation_per_radian: 0.01,
-        scale: 0.03,
-        turn_scale: 0.003,
-        ..OdometryNoise3::default()
-    };
+    sensors.odometry = odometry_noise();
     Ok(Converted3 {
         ids: frames.iter().map(|frame| vec![None; frame.detections.len()]).collect(),
         recording: Recording3 { sensors, odometry: odometry(&trajectory, options.seed.unwrap_or(1)), frames },
